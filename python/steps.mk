@@ -63,16 +63,6 @@ setup-ray: .venv-ray/.setup
 .venv-ray/.setup: python/requirements-ray.txt
 	$(call separate,ray)
 
-# --- another demo ---
-
-.PHONY: demo-stereo
-
-## Two photos only, V = 2: the Middlebury motorcycle pair (from scikit-image), with three views between them.
-demo-stereo: build setup
-	$(PY) tools.make_stereo_scene ../out/motorcycle
-	$(LIVEVIEW) render out/motorcycle --views 2 --path line:5 -o out/stereo --depth out/stereo_depth
-	@echo "Open out/stereo: five steps from one photo to the other."
-
 # --- make report STEP= ---
 
 .PHONY: report-sweep report-live report-readme

@@ -4,10 +4,9 @@
 
 One file, opset 20, dynamic n, h and w, BatchNorm folded, with metadata for the Rust crate:
 views, stride, recommended_layers, training, trained_layers, licence; layer_kinds if it is for
-some kinds of layers only; alpha and alpha_scale if it was trained on competing layers;
-alpha_spacing if its opacity is per pixel of parallax; added_to if its logits include those of the
-views' agreement. The result is checked: torch = onnxruntime
-at batch sizes and image sizes other than those of the export. The record of the training goes to
+some kinds of layers only; alpha and alpha_scale if it was trained on competing layers; added_to if
+its logits include those of the views' agreement. The result is checked: torch = onnxruntime at
+batch sizes and image sizes other than those of the export. The record of the training goes to
 training.json beside it.
 """
 
@@ -162,8 +161,6 @@ def main() -> None:
         metadata |= {"alpha": "competing", "alpha_scale": "1"}
     if config.get("agreement"):
         metadata["added_to"] = "view agreement"
-    if config.get("alpha_spacing"):
-        metadata["alpha_spacing"] = str(config["alpha_spacing"])
     export(net, args.model, metadata)
     record(state, args.model)
     size = args.model.stat().st_size / 1e6

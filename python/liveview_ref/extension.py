@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 
 from .paths import ROOT
-from .reference.geometry.camera import Camera
+from .reference.liveview import Camera
 
 WHEELS = sorted((ROOT / "target/wheels").glob("liveview-*.whl"), key=lambda path: path.stat().st_mtime)
 if not WHEELS:

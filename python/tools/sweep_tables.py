@@ -112,11 +112,10 @@ def mean_scores(model: str) -> dict[str, tuple[float, float, float]]:
 def network_gain() -> str:
     """What the network is worth, by kind of layers: the same layers with it and without."""
     any_layers = mean_scores("liveview_v4")
-    competing, independent = mean_scores("liveview_v4_planes"), mean_scores("liveview_v4_planes_paper")
+    competing = mean_scores("liveview_v4_planes")
     sweep = "sweep, planes:64", "plane sweep, winner takes all"
     rows = (
         ("64 planes, competing", competing["competing, planes:64"], sweep),
-        ("64 planes, the paper's composite", independent["planes:64"], sweep),
         ("2 guided layers", any_layers["guided:2"], ("sweep, guided:2", "plane sweep on them")),
         ("1 surface layer", any_layers["surface:1"], ("surface:1, no network", "agreement of the photos")),
         (

@@ -17,7 +17,7 @@ relative to the worker's working directory.
     out  {"error": "..."} after a failure, and exit code 2
 
 `frame`, float32 [h, w, 3], is optional; writing it is not timed. The job's arrays are those of
-rig_arrays.py, and `disparities` of planes. NAME is one of job.NAMES.
+rig_arrays.py, and `disparities` of planes. NAME is one of pipelines.NAMES.
 """
 
 import json
@@ -29,26 +29,12 @@ from typing import TextIO
 import numpy as np
 
 from ..json_lines import run
-from .job import Competitor, Job
 
 
 def peak_memory() -> int:
     """Largest resident memory of this process so far, bytes (VmHWM)."""
     status = Path("/proc/self/status").read_text()
     return int(status.split("VmHWM:")[1].split()[0]) * 1024
-
-
-def start(job: Job) -> Competitor:
-    """The competitor of this job. Idle threads must sleep while other workers are timed; the
-    environment variables for this are set before any library with threads is loaded."""
-    os.environ |= {"OMP_NUM_THREADS": str(job.threads), "OMP_WAIT_POLICY": "passive"}
-    if job.competitor == "one graph":
-        from .graph_pipeline import GraphPipeline
-
-        return GraphPipeline(job)
-    from . import torch_pipeline
-
-    return torch_pipeline.start(job)
 
 
 def serve(requests: TextIO, replies: TextIO) -> None:
@@ -60,7 +46,12 @@ def serve(requests: TextIO, replies: TextIO) -> None:
     line = requests.readline()
     if not line:
         return
-    competitor = start(Job.of(json.loads(line)))
+    message = json.loads(line)
+    # Idle threads must sleep while other workers are timed; set before torch is loaded.
+    os.environ |= {"OMP_NUM_THREADS": str(message.get("threads", 2)), "OMP_WAIT_POLICY": "passive"}
+    from . import pipelines
+
+    competitor = pipelines.start(pipelines.Job.of(message))
     reply(ready=True, engine=competitor.title)
     for line in requests:
         request = json.loads(line)

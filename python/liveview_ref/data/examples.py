@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..reference.guided import guided_maps, guided_search
 from ..reference.layers import upsample_maps, warp_views
-from ..reference.liveview import Camera, PlaneSweep, uniform_disparities, view_distances
+from ..reference.liveview import PlaneSweep, uniform_disparities, view_distances
 from ..reference.views import choose_views, looking_the_same_way
 from .procedural.scene import random_scene
 from .procedural.textures import Textures
@@ -84,12 +84,7 @@ class RealScene:
 def procedural(rng: np.random.Generator, views: int, size: tuple[int, int], textures: Textures):
     """A procedural scene, in the form of RealScene.draw."""
     s = random_scene(rng, views, size, textures)
-    cameras = [
-        Camera(k, r, t, v.shape[2], v.shape[1])
-        for k, r, t, v in zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
-    ]
-    target = Camera(s.target_k, s.target_r, s.target_t, size[1], size[0])
-    return s.views, cameras, s.target, target, s.near, s.far, s.disparity
+    return s.views, s.cameras, s.target, s.target_camera, s.near, s.far, s.disparity
 
 
 def make_example(rng: np.random.Generator, source, config: dict) -> Example:

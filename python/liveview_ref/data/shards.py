@@ -74,10 +74,8 @@ def made(rng: np.random.Generator, config: dict, textures: Textures) -> Photos:
     size, recipe = tuple(config["crop"]), recipe_of(config)
     while True:
         s = random_scene(rng, config["views"], size, textures, recipe)
-        poses = zip(s.view_k, s.view_r, s.view_t, s.views, strict=True)
-        cameras = [Camera(k, r, t, v.shape[2], v.shape[1]) for k, r, t, v in poses]
-        target = Camera(s.target_k, s.target_r, s.target_t, size[1], size[0])
-        views, cameras, maps = nearest_first(s.views, cameras, target, s.view_disparities)
+        target = s.target_camera
+        views, cameras, maps = nearest_first(s.views, s.cameras, target, s.view_disparities)
         seen = visibility(s.disparity, target, maps, cameras)
         if float(partly_hidden(seen).float().mean()) > config["hidden"] or rng.random() < config["keep"]:
             views = [eight_bit(v) for v in views]

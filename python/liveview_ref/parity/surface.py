@@ -12,42 +12,40 @@ import torch
 from torch import Tensor
 
 from ..extension import liveview
-from ..reference.geometry.camera import Camera
-from ..reference.geometry.parallax import widest_parallax
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.cells import padded_size
-from ..reference.layers.guided.matching_cost import shrink
-from ..reference.layers.guided.range_map import median3
-from ..reference.render.corrected_photos import corrected
-from ..reference.render.visibility import hide
+from ..reference.guided import median3, shrink
+from ..reference.layers import warp_maps
+from ..reference.liveview import Camera, padded_size, view_distances
+from ..reference.surface.aggregate import aggregate
 from ..reference.surface.anchored_depth import GROUP_PIXELS, LARGER_CELL, SMALL_CELL, Group, confirmed_by
-from ..reference.surface.correction.exposure import exposure_gains
-from ..reference.surface.correction.sharpness import sharpening
-from ..reference.surface.fusion.confirmed_depth import ConfirmedDepth
-from ..reference.surface.fusion.consistency import AGREEMENT, confirmed
-from ..reference.surface.fusion.nearer_edges import nearer_edges
-from ..reference.surface.fusion.photo_variance import photo_variance
-from ..reference.surface.fusion.splat import FUSED, splat
-from ..reference.surface.fusion.surface import OCCLUSION_MARGIN, SEARCHED_VIEWS, Surface, seen, seen_or_past, surface
-from ..reference.surface.fusion.surface_view import SurfaceView
-from ..reference.surface.fusion.target_search import cheapest, search_planes, target_costs
-from ..reference.surface.neighbourhood import fill_holes
-from ..reference.surface.search.aggregate import aggregate
-from ..reference.surface.search.anchors import Anchors
-from ..reference.surface.search.grid import Candidates, Grid
-from ..reference.surface.search.photo_depth import (
+from ..reference.surface.correction import exposure_gains, sharpening
+from ..reference.surface.fusion import AGREEMENT, FUSED, ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat
+from ..reference.surface.photo_depth import (
     CELL,
     FINE_STEPS,
     LEAST_PLANES,
     MOST_PLANES,
+    Anchors,
     PhotoDepth,
     bands,
     pixel_of,
     planes_of,
 )
-from ..reference.surface.search.photo_sweep import costs
-from ..reference.surface.search.tile_ranges import has_many_planes, tile_ranges
-from ..reference.warp import warp_maps
+from ..reference.surface.photo_sweep import Candidates, Grid, costs, has_many_planes, tile_ranges
+from ..reference.surface.render import hide, warp_seen
+from ..reference.surface.target_surface import (
+    OCCLUSION_MARGIN,
+    SEARCHED_VIEWS,
+    Surface,
+    cheapest,
+    fill_holes,
+    photo_variance,
+    search_planes,
+    seen,
+    seen_or_past,
+    surface,
+    target_costs,
+)
+from ..reference.views import widest_parallax
 from ..rig_arrays import Arrays
 from .compared import Compared, exact, row, rows
 
@@ -287,21 +285,12 @@ def at_target(views: list[View], target: Camera, span: Span, data: Arrays) -> Ge
     yield row("layers", layers, lambda map_: Surface(map_, 0, 0).layers(len(layers)), found, entry="maps")
 
     def warped(photos: list[SurfaceView], amounts: Tensor, maps: Tensor) -> tuple[Tensor, Tensor]:
-        images = corrected([photo.image for photo in photos], torch.stack([photo.gains for photo in photos]), amounts)
-        found = [hidden(photos, images, target, map_, OCCLUSION_MARGIN * pixel)[:2] for map_ in maps]
-        colour, coverage = (torch.stack(part) for part in zip(*found, strict=True))
+        colour, coverage = warp_seen(photos, amounts, target, maps, OCCLUSION_MARGIN * pixel)
         return colour.flatten(1, 2), coverage
 
     names, arguments = ("colour", "coverage"), (photos[:count], data["sharpening"], data["maps"])
     yield from rows(names, (data[name] for name in names), warped, *arguments, entry="surface hidden_{}")
     return photos, fused
-
-
-def hidden(photos: list[SurfaceView], images: list[Tensor], target: Camera, map_: Tensor, margin: float) -> tuple:
-    """Photos warped onto a layer without the hidden samples, and where any view sees it."""
-    both = [warp_maps(i, photo.camera, target, map_[None]) for i, photo in zip(images, photos, strict=True)]
-    colour, coverage = (torch.cat(part) for part in zip(*both, strict=True))
-    return hide(seen(photos, target, map_, margin), colour, coverage)
 
 
 def inside_target(photos: list[SurfaceView], target: Camera, span: Span, fused: np.ndarray) -> Iterator[Compared]:
@@ -333,7 +322,8 @@ def inside_target(photos: list[SurfaceView], target: Camera, span: Span, fused: 
     yield from rows(("target_costs", "searched"), (volume, found), searched, searching, fused, entry=SURFACE)
 
     def balanced(photos: list[SurfaceView], map_: Tensor) -> tuple[Tensor, ...]:
-        found = hidden(photos, [photo.image for photo in photos], target, map_, margin)
+        both = [warp_maps(photo.image, photo.camera, target, map_[None]) for photo in photos]
+        found = hide(seen(photos, target, map_, margin), *(torch.cat(part) for part in zip(*both, strict=True)))
         return found[0] * torch.stack([photo.gains for photo in photos])[:, :, None, None], *found[1:]
 
     names = "hidden_colour", "hidden_coverage", "seen"

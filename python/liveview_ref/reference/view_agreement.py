@@ -10,11 +10,11 @@ HALF_AGREEMENT = 0.08  # colours that differ by this much (root mean square over
 STRENGTH = 2.0  # logit of full agreement
 
 
-def agreement_logits(colour: Tensor) -> Tensor:
-    """colour [L, V, 3, H, W], black where a view does not see the layer (such views are left out)
-    -> logits [L, V, H, W]: for alpha the mean agreement of the views, for each view after the first
-    its agreement minus the first view's."""
-    shown = (colour.sum(2) > 0).to(colour)
+def agreement_logits(colour: Tensor, coverage: Tensor) -> Tensor:
+    """colour [L, V, 3, H, W], coverage [L, V, H, W], 0 where a view does not see the layer (such
+    views are left out) -> logits [L, V, H, W]: for alpha the mean agreement of the views, for each
+    view after the first its agreement minus the first view's."""
+    shown = (coverage > 0).to(colour)
     agreement = torch.zeros_like(shown)
     for other in range(colour.shape[1]):
         squares = (colour - colour[:, other : other + 1]).square().sum(2)
@@ -27,7 +27,9 @@ def agreement_logits(colour: Tensor) -> Tensor:
 
 
 class AgreementUNet(UNet):
-    """The paper's network, its output added to the logits of the views' agreement."""
+    """The paper's network, its output added to the logits of the views' agreement. Its input has no
+    coverage, so a black pixel counts as one that the view does not see."""
 
     def forward(self, hwv: Tensor) -> Tensor:
-        return super().forward(hwv) + agreement_logits(hwv.unflatten(1, (self.views, 3)))
+        colour = hwv.unflatten(1, (self.views, 3))
+        return super().forward(hwv) + agreement_logits(colour, colour.sum(2))

@@ -2,7 +2,6 @@
 disparities of a target pixel lie in a view, in pixels."""
 
 import torch
-from torch import Tensor
 
 from .liveview import Camera, PlaneSweep
 
@@ -34,23 +33,17 @@ def nearest_first(cameras: list[Camera], target: Camera) -> list[int]:
 
 def widest_parallax(cameras: list[Camera], target: Camera, near: float, far: float, size: tuple[int, int]) -> float:
     """Pixels between near and far in the view where they lie farthest apart: the median over the
-    corners and the centre of a target of this size (height, width)."""
-    return float(widest_parallax_between(cameras, target, torch.tensor([1 / near, 1 / far], dtype=torch.float64), size))
-
-
-def widest_parallax_between(
-    cameras: list[Camera], target: Camera, disparities: Tensor, size: tuple[int, int]
-) -> Tensor:
-    """As `widest_parallax`, from each of these disparities [L] to the next, where both lie in front
-    of the view: [L - 1] float64."""
+    corners and the centre of a target of this size (height, width), where both lie in front of the
+    view."""
+    disparities = torch.tensor([1 / near, 1 / far], dtype=torch.float64)
     x, y = torch.tensor([[0, 1, 0, 1, 0.5], [0, 0, 1, 1, 0.5]], dtype=torch.float64)
     height, width = size
     pixels = torch.stack([x * width, y * height, torch.ones_like(x)])
-    largest = torch.zeros(len(disparities) - 1, dtype=torch.float64)
+    largest = 0.0
     for camera in cameras:
         homography, epipole = PlaneSweep.of(camera, target)
-        at = homography @ pixels + epipole[:, None] * disparities.double()[:, None, None]  # [L, 3, 5]
+        at = homography @ pixels + epipole[:, None] * disparities[:, None, None]  # [2, 3, 5]
         positions = (at[:, :2] / at[:, 2:]).masked_fill(at[:, 2:] <= 0, torch.nan)
-        apart = positions.diff(dim=0).norm(dim=1).nanmedian(dim=1).values
-        largest = torch.maximum(largest, apart.nan_to_num(nan=0.0))
+        apart = (positions[1] - positions[0]).norm(dim=0).nanmedian()
+        largest = max(largest, float(apart.nan_to_num(nan=0.0)))
     return largest

@@ -19,7 +19,7 @@ from torch import Tensor
 from ..checkpoint import load_state, trained_network
 from ..reference.liveview import UNet
 from ..reference.view_agreement import AgreementUNet
-from ..weights import fold_batchnorm, unfold_batchnorm, with_views
+from ..weights import contiguous_gradients, fold_batchnorm, unfold_batchnorm, with_views
 
 CHECKPOINT_SECONDS = 600  # between checkpoints, at most
 
@@ -60,7 +60,7 @@ def start_of(state: dict, config: dict) -> UNet:
         net.conv9.bias[0] = net.conv9.bias[0] * config["start_scale"] + config.get("start_shift", 0.0)
     for p in net.parameters():
         p.requires_grad_(True)
-    return net.to(memory_format=torch.channels_last)
+    return contiguous_gradients(net).to(memory_format=torch.channels_last)
 
 
 def save(path: Path, **state) -> None:

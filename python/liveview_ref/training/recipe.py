@@ -4,7 +4,7 @@
 
 The recipe names configs of its folder in order, each with the config whose network it starts from
 (null: from its seed). The run of a config is RUNS/NAME; shards of examples are in RUNS/shards, the
-frames of surface layers, made by the built program, in RUNS/frames_NAME.
+frames of surface layers, which need `make wheel`, in RUNS/frames_NAME.
 SIGTERM ends the training of a network for planes or surface layers with a checkpoint.
 """
 

@@ -1,7 +1,6 @@
 """Validation during training: PSNR on held-out photos on guided layers and uniform planes, and a
 picture to inspect."""
 
-from functools import partial
 from pathlib import Path
 from statistics import fmean
 
@@ -33,7 +32,7 @@ def validate(net, specs: list[dict], data: Path, file: Path, device: torch.devic
     for case in cases(specs, data, net.views):
         for layers in LAYERS:
             maps = maps_of(case, layers)
-            image = composited(case, infer(network, case, maps), maps)[1]
+            image = composited(infer(network, case, maps), maps)[1]
             scores[str(layers)].append(psnr(image[INNER], case.truth[INNER]))
             if layers == SHOWN:
                 rows.append(torch.cat([case.truth, image], 2))
@@ -52,7 +51,7 @@ def validate_planes(net, specs: list[dict], data: Path, file: Path, config: dict
     """Mean PSNR on 16 and 64 uniform planes, composited by the config's "alpha"; of 64 on each
     scene, and the mean over the scenes of each "set" that the specs name. The file shows truth
     and 64."""
-    images = {"competing": competing, "independent": partial(planes, spacing=config["alpha_spacing"])}[config["alpha"]]
+    images = {"competing": competing, "independent": planes}[config["alpha"]]
     scores, scenes, sets, rows = {}, {}, {}, []
 
     def network(hwv: Tensor) -> Tensor:

@@ -54,7 +54,7 @@ class Cases:
                 "covered": np.ones((2, H, W), bool),
                 "maps": f32(2, H, W),
             },
-            "agreement_logits": {"colour": f32(2, 4, 3, H, W)},
+            "agreement_logits": {"colour": f32(2, 4, 3, H, W), "coverage": f32(2, 4, H, W)},
             "sharpened": {"image": image, "amount": 0.1},
             "uniform_disparities": {"near": 1, "far": 9, "count": 4},
             "plane_histogram": {"alpha": f32(4, H, W)},

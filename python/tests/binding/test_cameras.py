@@ -104,7 +104,7 @@ def test_wrong_cameras_are_named(liveview, cameras, camera):
 
 def test_frames_are_torch_tensors_without_a_copy(liveview, workshop):
     frame = liveview.Synthesizer(workshop).render("target_0")
-    for array in (frame.picture, frame.disparity, frame.transmittance, frame.inpainted()):
+    for array in (frame.picture, frame.disparity, frame.transmittance, frame.raw):
         tensor = torch.from_dlpack(array)
         tensor[0, 0] = 0.25
         assert tensor.dtype == torch.float32 and (array[0, 0] == 0.25).all()

@@ -69,7 +69,9 @@ def test_hostile_models_are_the_library_s_errors(liveview, tmp_path):
 @pytest.mark.parametrize("views", [4, 5, 2])
 def test_openvino_logits(liveview, tmp_path, views):
     """Each session runs inputs of different sizes."""
-    from liveview_ref.parity import cases, stages
+    import compared_cases as cases
+
+    from liveview_ref.parity import stages
 
     names = [name for name in (f"guided_v{views}", f"random_v{views}") if name in cases.CASES]
     model, files = tmp_path / "model.onnx", [tmp_path / f"{name}.npy" for name in names]

@@ -14,34 +14,32 @@ from toy_rigs import rig_of
 from liveview_ref import onnx_session
 from liveview_ref.export import export
 from liveview_ref.parity.compared import row, rows
-from liveview_ref.reference.composite import composite
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.geometry.view_selection import choose_views, view_distances
-from liveview_ref.reference.image.metrics import psnr, ssim
-from liveview_ref.reference.layers.cover import cover_planes
-from liveview_ref.reference.layers.guided.range_map import median3
-from liveview_ref.reference.layers.guided.search import guided_layers, guided_search
-from liveview_ref.reference.layers.histogram import plane_histogram, select_planes
-from liveview_ref.reference.layers.layer import plane_maps
-from liveview_ref.reference.layers.uniform import uniform_disparities
-from liveview_ref.reference.network.view_agreement import agreement_logits
-from liveview_ref.reference.render.blend import blend
-from liveview_ref.reference.render.composite_competing import composite_competing
-from liveview_ref.reference.render.corrected_photos import sharpened
+from liveview_ref.reference.competing import composite_competing, cover_planes
+from liveview_ref.reference.guided import guided_layers, guided_search, median3
+from liveview_ref.reference.layers import plane_maps, warp_maps
+from liveview_ref.reference.liveview import (
+    Camera,
+    blend,
+    composite,
+    plane_histogram,
+    select_planes,
+    uniform_disparities,
+    view_distances,
+)
+from liveview_ref.reference.metrics import psnr, ssim
 from liveview_ref.reference.surface.anchored_depth import anchored_depth
-from liveview_ref.reference.surface.correction.exposure import exposure_gains
-from liveview_ref.reference.surface.correction.sharpness import sharpening
-from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.surface import Surface, surface
-from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
-from liveview_ref.reference.surface.fusion.visible import visible, visible_or_past
-from liveview_ref.reference.surface.neighbourhood import fill_holes
-from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, photo_depth
-from liveview_ref.reference.warp import warp_maps
+from liveview_ref.reference.surface.correction import exposure_gains, sharpened, sharpening
+from liveview_ref.reference.surface.fusion import SurfaceView, confirmed, visible, visible_or_past
+from liveview_ref.reference.surface.photo_depth import PhotoDepth, photo_depth
+from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
+from liveview_ref.reference.view_agreement import agreement_logits
+from liveview_ref.reference.views import choose_views
 
 pytest.importorskip("liveview_ref.extension", exc_type=ImportError)
-from liveview_ref.parity import cases, stages  # noqa: E402
-from liveview_ref.parity.cases import CASES, SURFACE_CASES  # noqa: E402
+import compared_cases as cases  # noqa: E402
+from compared_cases import CASES, SURFACE_CASES  # noqa: E402
+
+from liveview_ref.parity import stages  # noqa: E402
 
 NEAR, FAR = 1.5, 12.0
 ARRAYS = "maps", "logits", "coverage", "alpha", "rgb"
@@ -168,16 +166,14 @@ def test_stages_alone_give_the_same_arrays(liveview, case):
     # 3 sqrt(3) / 2 eps of their length, 10.4 eps in all.
     rounding = 12 * np.finfo(np.float64).eps * max(float(camera.centre.norm()) for camera in cameras)
     np.testing.assert_allclose(distances, view_distances(cameras, target), rtol=1e-13, atol=rounding)
-    if "logit_shift" not in data:  # the shift is an argument of the library's blend alone
-        found = liveview.blend(logits, colour, coverage, distances)
-        assert all(np.array_equal(*pair) for pair in zip(found, (data["alpha"], data["rgb"]), strict=True))
+    found = liveview.blend(logits, colour, coverage, distances)
+    assert all(np.array_equal(*pair) for pair in zip(found, (data["alpha"], data["rgb"]), strict=True))
     of_each = np.tile(distances, (len(maps), 1))
     found = liveview.blend(logits, colour, coverage, of_each, 1.5)
     reference = lambda *parts: blend(*parts, torch.from_numpy(of_each), 1.5)  # noqa: E731
     assert_within_bounds(rows(("alpha", "rgb"), found, reference, logits, torch.from_numpy(colour), coverage))
-    found = liveview.agreement_logits(colour)
-    assert_within_bounds([row("agreement", found, agreement_logits, colour)])
-
+    found = liveview.agreement_logits(colour, coverage)
+    assert_within_bounds([row("agreement", found, agreement_logits, colour, coverage)])
     seen, crop = (coverage > 0).any(1), (..., slice(target.height), slice(target.width))
     stage, arguments = composite, (alpha, rgb, seen[-1], maps)
     if "alpha_scale" in data:

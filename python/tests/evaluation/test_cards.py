@@ -19,7 +19,6 @@ def test_metadata_of_shipped_models(path):
     assert card["recommended_layers"].startswith("planes:") == for_planes
     assert card.get("added_to") == ("view agreement" if for_surface else None)
     assert card.get("alpha", "independent") == ("competing" if competing else "independent")
-    assert ("alpha_spacing" in card) == ("_planes_paper" in path.stem)
     kinds = "planes, select, list" if for_planes else "surface" if for_surface else None
     assert card.get("layer_kinds") == kinds
     assert card["licence"] and card["training"] and ("int8" in path.stem) == (card.get("precision") == "int8")

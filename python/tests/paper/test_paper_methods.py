@@ -7,7 +7,7 @@ import torch
 from liveview_ref.paper.data import rig
 from liveview_ref.paper.methods import deepview, light_field_fusion, local_light_field, soft3d, stereo_magnification
 from liveview_ref.paper.methods.method import Method, Photos, Predictor
-from liveview_ref.paper.methods.mpi import Mpi, target_from_reference, volume_at
+from liveview_ref.paper.methods.mpi import Mpi, volume_at
 from liveview_ref.reference.layers import warp_maps
 from liveview_ref.reference.liveview import Camera
 
@@ -73,15 +73,6 @@ def test_method_trains_on_a_crop(name: str) -> None:
     rendering.rgb.square().mean().backward()
     without = [n for n, p in method.named_parameters() if p.grad is None or not p.grad.any()]
     assert without == []
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_untrained_method_is_nearly_transparent(name: str) -> None:
-    torch.manual_seed(0)
-    photos, _ = plane_photos(5, 0.5)
-    with torch.no_grad():
-        rendering = NAMES[name]()(photos, small_target(), rig.planes(PLANES), cover=False)
-    assert rendering.alpha[:-1].median() < 2 / PLANES
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -194,12 +185,6 @@ def test_fusion_groups_start_with_their_reference() -> None:
     assert second.cameras[0] is photos.cameras[5] and second.references == (0,)
     with pytest.raises(ValueError, match="expected increasing indices"):
         light_field_fusion.groups(Photos(photos.images, photos.cameras, (5, 0)))
-
-
-def test_plane_homography_shifts_by_the_parallax() -> None:
-    """A plane of disparity d moves by PARALLAX d pixels if the camera moves by one side."""
-    moved = target_from_reference(rig.camera(0, 0), rig.camera(1, 0), 0.5) @ torch.tensor([10.0, 20.0, 1.0]).double()
-    assert torch.allclose(moved / moved[2], torch.tensor([10.0 - rig.PARALLAX / 2, 20.0, 1.0]).double())
 
 
 def test_deepview_components_of_an_opaque_plane() -> None:

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from toy_rigs import surface_rig
 
 from liveview_ref.checkpoint import load_network
-from liveview_ref.data.written_scene import write_photo, write_transforms
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.parity.compared import TOLERANCES, Compared
-from liveview_ref.parity.rigs import surface_rig
-from liveview_ref.reference.surface.correction import exposure
-from liveview_ref.reference.surface.fusion import consistency, nearer_edges, splat
-from liveview_ref.reference.surface.search import anchors, penalties, photo_sweep
+from liveview_ref.reference.surface import aggregate, correction, fusion, photo_depth, photo_sweep
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 liveview = pytest.importorskip("liveview_ref.extension", exc_type=ImportError).liveview
@@ -59,15 +57,15 @@ def test_nothing_departs_without_a_fault(surface, guided):
 # A wrong constant of a stage of the surface: Python has it, which is the same as Rust having it.
 CONSTANTS = [
     ("coarse_costs", photo_sweep, "COLOUR", (0.5, 0.16)),
-    ("coarse_found", penalties, "JUMP_PENALTY", 0.121),
-    ("coarse_sure", consistency, "AGREEMENT", 0.5),
-    ("nearer", splat, "HALF_SIDE", 0.25),  # the first stage that splats
-    ("nearer", nearer_edges, "EDGE", 2.0),
-    ("nearer", nearer_edges, "MOST_DIFFERENCE", 0.05),
-    ("nearer", nearer_edges, "LEAST_CONFIRMED", 0.9),
+    ("coarse_found", aggregate, "JUMP_PENALTY", 0.121),
+    ("coarse_sure", fusion, "AGREEMENT", 0.5),
+    ("nearer", fusion, "HALF_SIDE", 0.25),  # the first stage that splats
+    ("nearer", fusion, "EDGE", 2.0),
+    ("nearer", fusion, "MOST_DIFFERENCE", 0.05),
+    ("nearer", fusion, "LEAST_CONFIRMED", 0.9),
     ("splat", surface_stages, "FUSED", 1.0),
-    ("anchored_costs", anchors, "ANCHOR_COST", 0.055),
-    ("gains", exposure, "MOST_VALUE", 0.6),
+    ("anchored_costs", photo_depth, "ANCHOR_COST", 0.055),
+    ("gains", correction, "MOST_VALUE", 0.6),
     ("rgb", stages, "CORRECTED_POWER", 3.0),  # the distance to a view counted twice
 ]
 
@@ -137,10 +135,9 @@ def test_the_lens_and_an_unknown_depth_range_are_computed_by_python(tmp_path):
     photos = surface_rig(np.random.default_rng(5), 5, "scene")
     cameras, _ = cameras_of(photos)
     images = images_of(photos, torch.float32)
-    frames = [write_photo(tmp_path, f"{i}.png", image, cameras[i]) for i, image in enumerate(images)]
-    write_transforms(tmp_path, [{**frame, "k1": 0.02, "p1": 0.001} for frame in frames])
+    write_scene(tmp_path, images, cameras, lens={"k1": 0.02, "p1": 0.001})
     original, small = (
-        Rendered.of(liveview.Scene(tmp_path, width=width), "0", network=False, views=2, layers="surface:1")
+        Rendered.of(liveview.Scene(tmp_path, width=width), "000", network=False, views=2, layers="surface:1")
         for width in (None, 48)
     )
     undistorted = list(render.undistorted(original))

@@ -1,7 +1,7 @@
 """What the paper does not have, planes first: competing planes, their selection, guided layers, the
 choice of views, the text form of layers."""
 
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -15,8 +15,7 @@ from liveview_ref.reference.guided import guided_search, search_planes
 from liveview_ref.reference.layers import warp_maps
 from liveview_ref.reference.liveview import Camera, composite, padded_size, select_planes
 from liveview_ref.reference.metrics import ssim
-from liveview_ref.reference.spacing import LEAST_SPACING, spacing
-from liveview_ref.reference.views import choose_views
+from liveview_ref.reference.views import choose_views, widest_parallax
 
 
 def layers(count=7, size=(5, 6), seed=0, dtype=torch.float64):
@@ -147,35 +146,6 @@ def test_ssim_equals_skimages():
     assert ssim(a, b) == pytest.approx(whole[:, 5:-5, 5:-5].mean(), abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
-def test_spacing_is_the_parallax_from_each_plane_to_the_next(kind):
-    _, cameras, target = rig_of(kind)
-    planes = torch.tensor([2.5, 1.1, 1.0, 0.99, 0.99, 0.3, 0.0], dtype=torch.float64)
-    found = spacing(cameras, target, planes, 5.0)
-    height, width = padded_size(target.height, target.width)
-    corners = [(0, 0), (width, 0), (0, height), (width, height), (width / 2, height / 2)]
-
-    def shown(camera: Camera, corner: tuple, disparity: torch.Tensor) -> torch.Tensor | None:
-        """Position in the camera of a target pixel's point, computed in world coordinates; None
-        behind the camera."""
-        ray = torch.linalg.inv(target.k) @ torch.tensor([*corner, 1.0], dtype=torch.float64)
-        from_target = camera.rotation @ target.rotation.T
-        point = camera.k @ (from_target @ (ray - disparity * target.translation) + disparity * camera.translation)
-        return point[:2] / point[2] if point[2] > 0 else None
-
-    expected = []
-    for near, far in pairwise(planes):
-        largest = 0.0
-        for camera in cameras:
-            ends = [(shown(camera, corner, near), shown(camera, corner, far)) for corner in corners]
-            apart = sorted(float((a - b).norm()) for a, b in ends if a is not None and b is not None)
-            largest = max(largest, apart[(len(apart) - 1) // 2] if apart else 0.0)
-        expected.append(min(max(largest, LEAST_SPACING), 5.0))
-    torch.testing.assert_close(found, torch.tensor([*expected, expected[-1]], dtype=torch.float64))
-    assert expected[3] == LEAST_SPACING and max(expected) == 5.0
-    assert spacing(cameras, target, planes[:1], 5.0).tolist() == [5.0]
-
-
 SPECS = {
     "planes:64": Planes(64),
     "guided:2": Guided(2),
@@ -218,3 +188,26 @@ def test_invalid_spec_is_refused_with_the_reason(text, reason):
     with pytest.raises(ValueError, match=reason) as error:
         parse(text)
     assert f'layers "{text}"' in str(error.value)
+
+
+@pytest.mark.parametrize("kind", ["random", "rectified", "coincident", "unseen"])
+def test_widest_parallax_is_measured_between_points_of_the_world(kind):
+    _, cameras, target = rig_of(kind)
+    height, width = padded_size(target.height, target.width)
+    corners = [(0, 0), (width, 0), (0, height), (width, height), (width / 2, height / 2)]
+
+    def shown(camera: Camera, corner: tuple, depth: float) -> torch.Tensor | None:
+        """Position in the camera of a target pixel's point; None behind the camera."""
+        point = depth * torch.linalg.inv(target.k) @ torch.tensor([*corner, 1.0], dtype=torch.float64)
+        world = target.rotation.T @ (point - target.translation)
+        seen = camera.k @ (camera.rotation @ world + camera.translation)
+        return seen[:2] / seen[2] if seen[2] > 0 else None
+
+    for near, far in ((0.4, 0.9), (1.0, 3.3), (1.0, 1e6)):
+        expected = 0.0
+        for camera in cameras:
+            ends = [(shown(camera, corner, near), shown(camera, corner, far)) for corner in corners]
+            apart = sorted(float((a - b).norm()) for a, b in ends if a is not None and b is not None)
+            expected = max(expected, apart[(len(apart) - 1) // 2] if apart else 0.0)
+        assert expected > 0
+        assert widest_parallax(cameras, target, near, far, (height, width)) == pytest.approx(expected, rel=1e-9)

@@ -1,29 +1,26 @@
 """Surface layers: against figures computed by hand, and on a synthetic scene of known depth."""
 
+import subprocess
+
 import numpy as np
 import pytest
 import torch
+from PIL import Image
+from toy_rigs import SQUARE, WALL, surface_rig
 
-from liveview_ref.parity.rigs import SQUARE, WALL, surface_rig
-from liveview_ref.reference.geometry.camera import Camera
-from liveview_ref.reference.render.visibility import hide
+from liveview_ref.data.written_scene import write_scene
+from liveview_ref.paths import BINARY
+from liveview_ref.reference.liveview import Camera
 from liveview_ref.reference.surface import anchored_depth as anchored_module
-from liveview_ref.reference.surface.correction.exposure import balanced, exposure_gains
-from liveview_ref.reference.surface.fusion import surface as surface_module
-from liveview_ref.reference.surface.fusion.confirmed_depth import ConfirmedDepth
-from liveview_ref.reference.surface.fusion.consistency import confirmed
-from liveview_ref.reference.surface.fusion.nearer_edges import nearer_edges
-from liveview_ref.reference.surface.fusion.splat import splat
-from liveview_ref.reference.surface.fusion.surface import Surface, surface
-from liveview_ref.reference.surface.fusion.surface_view import SurfaceView
-from liveview_ref.reference.surface.fusion.visible import visible
-from liveview_ref.reference.surface.neighbourhood import fill_holes
-from liveview_ref.reference.surface.search.aggregate import aggregate
-from liveview_ref.reference.surface.search.detail import detail_pixels
-from liveview_ref.reference.surface.search.grid import NONE, Candidates, Grid
-from liveview_ref.reference.surface.search.penalties import jump_penalties
-from liveview_ref.reference.surface.search.photo_depth import PhotoDepth, bands, photo_depth
-from liveview_ref.reference.surface.search.photo_sweep import UNSEEN_COST, costs
+from liveview_ref.reference.surface import target_surface as surface_module
+from liveview_ref.reference.surface.aggregate import aggregate, jump_penalties
+from liveview_ref.reference.surface.anchored_depth import detail_pixels
+from liveview_ref.reference.surface.correction import balanced, exposure_gains
+from liveview_ref.reference.surface.fusion import ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat, visible
+from liveview_ref.reference.surface.photo_depth import PhotoDepth, bands, photo_depth
+from liveview_ref.reference.surface.photo_sweep import NONE, UNSEEN_COST, Candidates, Grid, costs
+from liveview_ref.reference.surface.render import hide, render
+from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
 from liveview_ref.rig_arrays import cameras_of, images_of
 
 NEAR, FAR = 2.0, 9.0
@@ -36,6 +33,11 @@ def camera(x: float = 0.0, width: int = 12, height: int = 6, focal: float = 10.0
 
 def filled(value: float, height: int = 6, width: int = 12) -> torch.Tensor:
     return torch.full((height, width), value, dtype=torch.float64)
+
+
+def read_photo(path) -> torch.Tensor:
+    with Image.open(path) as image:
+        return torch.from_numpy(np.array(image.convert("RGB"))).permute(2, 0, 1).double() / 255
 
 
 def test_grid_runs_from_near_to_far_without_negative_disparities():
@@ -271,3 +273,20 @@ def test_anchored_depth_of_a_soft_photo_is_that_of_the_smaller_photo_enlarged(mo
     height, width = found.disparity.shape
     rows, columns = torch.arange(height) // 2, torch.arange(width) // 2
     assert found.pixel == expected.pixel and torch.equal(found.disparity, expected.disparity[rows][:, columns])
+
+
+@pytest.mark.skipif(not BINARY.exists(), reason="needs `make build`")
+def test_default_picture_is_that_of_the_program(tmp_path):
+    """From two photos, with another one for the depth."""
+    data = surface_rig(np.random.default_rng(5), 4, "scene")
+    cameras, names = cameras_of(data)[0], [f"{i:03}.png" for i in range(4)]
+    write_scene(tmp_path, images_of(data, torch.float64), cameras, (NEAR, FAR))
+    out = tmp_path / "out"
+    command = [BINARY, "render", tmp_path, "--target", names[0], "--views", "2", "-o", out]
+    subprocess.run(command, check=True, capture_output=True)
+    (picture,) = out.glob("*.png")
+    expected, *photos = (read_photo(path) for path in (picture, *(tmp_path / name for name in names[1:])))
+    found, stages = render(list(zip(photos, cameras[1:], strict=True)), cameras[0], NEAR, FAR, 2)
+    covered = (stages.coverage > 0).flatten(0, 1).any(0)[: cameras[0].height, : cameras[0].width]
+    assert covered.double().mean() > 0.9
+    assert (found.rgb - expected).abs()[:, covered].max() < 0.51 / 255  # the picture has 8 bits

@@ -11,8 +11,8 @@ import torch
 from liveview_ref.data.examples import RealScene
 from liveview_ref.data.shards import Shards, cropped, pack, unpack
 from liveview_ref.reference.liveview import uniform_disparities
-from liveview_ref.training.planes_loss import warp_layers
 from liveview_ref.training.train import read_config
+from liveview_ref.training.train_planes import warp_layers
 
 ROOT = Path(__file__).parents[3]
 PHOTOS = {"path": "workshop", "reach": 2, "widths": [300], "weight": 1}

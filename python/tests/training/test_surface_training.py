@@ -9,12 +9,14 @@ import torch
 
 from liveview_ref.checkpoint import load_network, load_state
 from liveview_ref.config import read_config
+from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.scene import open_scene
-from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, warped
+from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, procedural_rig
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.export import check, export
 from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
 from liveview_ref.training.fine_tune import start_of
-from liveview_ref.training.surface_loss import (
+from liveview_ref.training.train_surface import (
     CELL,
     crop_of,
     example_loss,
@@ -37,6 +39,18 @@ def made_up() -> SurfaceFrame:
 
     coverage = torch.full((3, 4, 160, 144), 255, dtype=torch.uint8)
     return SurfaceFrame(random(3, 4, 3, 160, 144), coverage, random(3, 160, 144), torch.tensor([1.0, 2.0, 2.5, 4.0]))
+
+
+def test_written_scene_is_read_back(tmp_path):
+    rng = np.random.default_rng(2)
+    rig = procedural_rig(rng, CONFIG | {"frame": [48, 64], "photos": [5, 6]}, Textures(None))
+    write_scene(tmp_path, rig.photos, rig.cameras)
+    scene = open_scene(tmp_path)
+    assert len(scene.names) == len(rig.photos) == 6
+    for i, (photo, camera) in enumerate(zip(rig.photos, rig.cameras, strict=True)):
+        torch.testing.assert_close(scene.image_u8(i).float() / 255, photo, atol=0.5 / 255 + 1e-6, rtol=0)
+        for part in ("k", "rotation", "translation"):
+            torch.testing.assert_close(getattr(scene.cameras[i], part), getattr(camera, part), atol=1e-9, rtol=1e-9)
 
 
 def test_crops_are_drawn_where_the_agreement_of_the_views_is_wrong():
@@ -80,9 +94,10 @@ def test_a_single_view_is_masked():
 
 def test_network_without_weights_is_the_agreement_of_the_views():
     net = start_of(load_state(ROOT / "models/liveview_v4.pt"), CONFIG)
-    colour = made_up().colour.float() / 255
+    frame = made_up()
+    colour = frame.colour.float() / 255
     with torch.no_grad():
-        torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour))
+        torch.testing.assert_close(net(colour.flatten(1, 2)), agreement_logits(colour, frame.coverage))
     loss, figures = example_loss(net, made_up())
     assert float(loss.detach()) == pytest.approx(0, abs=1e-6) and figures["gain"] == pytest.approx(0, abs=1e-5)
     assert isinstance(fold_batchnorm(unfold_batchnorm(net)), AgreementUNet)
@@ -115,14 +130,13 @@ def test_frame_renders_like_the_library(tmp_path):
     pytest.importorskip("liveview_ref.extension", exc_type=ImportError)
     spec = {"path": "workshop", "width": None, "targets": [7, 8]}
     rig = held_out_rig(open_scene(ROOT / "tests/scenes/workshop"), spec, 7, 4)
-    found = warped(rig, 4, 2)
-    frame = frame_of(rig, found)
+    frame, found = frame_of(rig, CONFIG | {"views": 4, "layers": 2})
     frame.save(tmp_path / "frame.pt")
     frame = SurfaceFrame.load(tmp_path / "frame.pt")
     colour, coverage = frame.colour / 255, frame.coverage / 255
     torch.testing.assert_close(colour.flatten(1, 2), torch.from_numpy(found["colour"]), atol=0.002, rtol=0)
     torch.testing.assert_close(coverage, torch.from_numpy(found["coverage"]), atol=0.002, rtol=0)
-    difference = rendered(agreement_logits(colour), colour, coverage, frame.distances)
+    difference = rendered(agreement_logits(colour, coverage), colour, coverage, frame.distances)
     difference = (difference - torch.from_numpy(found["frame"])).abs()
     # A byte is a step of 0.004, which a small coverage divides; uncovered pixels are inpainted by
     # the library.

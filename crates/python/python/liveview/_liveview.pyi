@@ -208,7 +208,12 @@ class Frame:
         """The target's."""
     @property
     def picture(self) -> np.ndarray:
-        """[h, w, 3] float32 in [0, 1]; black where no photo covers any layer."""
+        """[h, w, 3] float32 in [0, 1]; pixels that no photo covers are filled from their
+        surroundings."""
+    @property
+    def raw(self) -> np.ndarray:
+        """The picture as it was composited, [h, w, 3] float32; black where no photo covers any
+        layer."""
     @property
     def disparity(self) -> np.ndarray:
         """[h, w] float32, 1/scene unit."""
@@ -225,11 +230,8 @@ class Frame:
     def times(self) -> dict[str, float]:
         """Seconds of each stage: depth, selection (of a live session photos, layers), warp,
         network, composite."""
-    def inpainted(self) -> np.ndarray:
-        """The picture with its uncovered pixels filled from their surroundings, [h, w, 3]
-        float32."""
     def save(self, path: str | PathLike[str]) -> None:
-        """Writes the inpainted picture, as `liveview render` does: JPEG for .jpg, else PNG."""
+        """Writes the picture, as `liveview render` does: JPEG for .jpg, else PNG."""
 
 # Stages, with the names and arguments of `liveview_ref.reference`. Arrays are float32.
 
@@ -243,9 +245,9 @@ def warp_maps(
 def sharpened(image: ArrayLike, amount: float) -> np.ndarray:
     """The photo [3, h, w] plus `amount` times its detail, in [0, 1]."""
 
-def agreement_logits(colour: ArrayLike) -> np.ndarray:
-    """Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W], black where a view
-    does not see the layer."""
+def agreement_logits(colour: ArrayLike, coverage: ArrayLike) -> np.ndarray:
+    """Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W] and their coverage
+    [L, V, H, W], 0 where a view does not see the layer."""
 
 def blend(
     logits: ArrayLike, colour: ArrayLike, coverage: ArrayLike, distances: ArrayLike, power: float = 1.0

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ...reference.liveview import Camera
 from .contents import draw_background, draw_objects
 from .photographs import imperfections, phone
 from .rooms import draw_room
@@ -25,20 +26,15 @@ LARGEST_VIEW = 224  # pixels
 
 @dataclass
 class ProceduralScene:
-    """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1]; k
-    [3, 3], r [3, 3] (cam_from_world) and t [3] float64, of the views stacked along V; disparity
-    [H, W] = 1/z at pixel centres of the surface with the largest compositing weight,
-    view_disparities the same for each view in its own camera; [near, far] contains all depths
-    visible in the target."""
+    """One multi-view example: views V of [3, Hs, Ws] and target [3, H, W], float32 RGB in [0, 1],
+    and their cameras; disparity [H, W] = 1/z at pixel centres of the surface with the largest
+    compositing weight, view_disparities the same for each view in its own camera; [near, far]
+    contains all depths visible in the target."""
 
     views: list[Tensor]
-    view_k: Tensor
-    view_r: Tensor
-    view_t: Tensor
+    cameras: list[Camera]
     target: Tensor
-    target_k: Tensor
-    target_r: Tensor
-    target_t: Tensor
+    target_camera: Camera
     near: float
     far: float
     disparity: Tensor | None
@@ -75,13 +71,12 @@ def random_scene(
         low, high = min(low, world.farthest), max(high, 1.0)
     unit = float(np.exp(rng.uniform(-2, 2)))
     turn, shift = rotation(rng.normal(0, 1, 3)), rng.normal(0, 3, 3)  # target_from_world
-    k = torch.from_numpy(world.k)
-    r = torch.from_numpy(world.r @ turn)
-    t = torch.from_numpy((world.r @ shift + world.t) * unit)
+    poses = (torch.from_numpy(x) for x in (world.k, world.r @ turn, (world.r @ shift + world.t) * unit))
+    photos = [images[0].contiguous(), *views]
+    camera, *cameras = (Camera(*pose, x.shape[2], x.shape[1]) for *pose, x in zip(*poses, photos, strict=True))
     near, far = unit / (high * 1.01), unit / (low * 0.99)
-    target = images[0].contiguous()
     disparity, *others = (d / unit for d in disparities)
-    return ProceduralScene(views, k[1:], r[1:], t[1:], target, k[0], r[0], t[0], near, far, disparity, others)
+    return ProceduralScene(views, cameras, photos[0], camera, near, far, disparity, others)
 
 
 def render(

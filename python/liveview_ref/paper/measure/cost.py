@@ -17,13 +17,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
+import torch
+
+from liveview_ref.data.written_scene import write_scene
 from liveview_ref.evaluation.evaluate import machine, versions
-from liveview_ref.evaluation.program import TARGET
 from liveview_ref.paths import BINARY, MODELS
 
 from ..data import rig
 from ..files import write
-from ..methods.program import write_scene
 from ..methods.registry import ENTRIES, Entry
 from .cost_worker import scene
 
@@ -65,9 +66,11 @@ class Program:
 
     def __init__(self, binary: Path, folder: Path, planes: int, threads: int, views: int):
         photos, target = scene(views)
-        write_scene(folder, photos, target, (rig.NEAR, rig.FAR))
+        blank = torch.zeros(3, target.height, target.width)  # in place of the target's photo
+        bounds = rig.NEAR, rig.FAR
+        write_scene(folder, [blank, *photos.images], [target, *photos.cameras], bounds)
         model = MODELS / f"liveview_v{views}.onnx"
-        options = ["--target", TARGET, "--layers", f"planes:{planes}", "--views", views, "--model", model]
+        options = ["--target", "000", "--layers", f"planes:{planes}", "--views", views, "--model", model]
         options += ["--alpha", "independent", "--threads", threads, "--json", "-o", folder.parent / "out.png"]
         self.command = [str(x) for x in (binary, "render", folder, *options)]
         self.ready = {}

@@ -25,7 +25,6 @@ from liveview_ref.checkpoint import load_state, trained_network
 from liveview_ref.data.held_out import INNER
 from liveview_ref.evaluation.view_weights import view_weights
 from liveview_ref.paths import MODELS
-from liveview_ref.reference import spacing
 from liveview_ref.reference.liveview import UNet, blend
 from liveview_ref.reference.metrics import psnr
 
@@ -40,7 +39,6 @@ from .score import Source, load, scores_of
 from .variants import Planes, competing, independent
 
 PLANES = 64
-MOST_SPACING = 3.0  # pixels of parallax to the next plane
 UNCHANGED = "unchanged"
 
 
@@ -135,11 +133,6 @@ def switched(network: Network, shot: Shot) -> Iterator[tuple[str, Tensor]]:
     whole = made[UNCHANGED]
     if network.scale is None:
         yield "farthest plane not opaque", over(whole.alpha, whole.rgb)
-        shift = spacing.logit_shift(own.photos.cameras, own.camera, own.planes(PLANES), MOST_SPACING).float()[
-            :, None, None
-        ]
-        per_pixel = torch.sigmoid(whole.logit + shift) * whole.covered
-        yield "opacity per pixel of parallax", independent(whole._replace(alpha=per_pixel))
         for scale in (1.0, 2.0):
             yield f"competing planes, scale {scale:g}", composited(replace(network, scale=scale), whole)
     else:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from liveview_ref.checkpoint import load_state
 from liveview_ref.data.held_out import BORDER, INNER
 from liveview_ref.evaluation import lpips as perceptual
-from liveview_ref.reference.image import metrics
+from liveview_ref.reference import metrics
 
 from .. import train
 from ..data import shots

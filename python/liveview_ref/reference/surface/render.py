@@ -10,6 +10,8 @@ gives.
 6. Logits from how well the views agree, blend, competing composite.
 """
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -28,11 +30,9 @@ EXTRA_PHOTOS = 2  # beside those to render from, for the depth
 LEAST_COVERAGE = 0.05  # summed over the views; a pixel with more is seen
 
 
-def depth_of(photos: list[View], which: int, near: float, far: float) -> PhotoDepth:
-    """The depth of photo `which`, searched among the photos nearest to it."""
-    camera = photos[which][1]
-    around = [i for i in nearest_first([c for _, c in photos], camera) if i != which][:NEIGHBOURS]
-    return anchored_depth(photos[which], [photos[i] for i in around], near, far)
+def neighbours_of(cameras: list[Camera], which: int) -> list[int]:
+    """The photos among which the depth of photo `which` is searched: the nearest to it."""
+    return [i for i in nearest_first(cameras, cameras[which]) if i != which][:NEIGHBOURS]
 
 
 def confirmed_views(photos: list[View], depths: list[PhotoDepth]) -> list[SurfaceView]:
@@ -78,13 +78,21 @@ def warp_seen(
 
 
 def render(
-    photos: list[View], target: Camera, near: float, far: float, views: int, layers: int = 3
+    photos: list[View],
+    target: Camera,
+    near: float,
+    far: float,
+    views: int,
+    layers: int = 3,
+    search: Callable[[View, list[View], float, float], PhotoDepth] = anchored_depth,
 ) -> tuple[Composited, Intermediates]:
     """A picture from `views` of the photos [3, h, w] of a scene, whose depth lies between near and
     far, cropped to the target's size; the intermediates are not. alpha is that of the paper, which
-    the competing composite does not use."""
-    chosen = nearest_first([camera for _, camera in photos], target)[: views + EXTRA_PHOTOS]
-    around = confirmed_views([photos[i] for i in chosen], [depth_of(photos, i, near, far) for i in chosen])
+    the competing composite does not use. `search` finds the depth of a photo among others."""
+    cameras = [camera for _, camera in photos]
+    chosen = nearest_first(cameras, target)[: views + EXTRA_PHOTOS]
+    depths = [search(photos[i], [photos[j] for j in neighbours_of(cameras, i)], near, far) for i in chosen]
+    around = confirmed_views([photos[i] for i in chosen], depths)
     distances = view_distances([v.camera for v in around], target)
     gains = exposure_gains(around, distances)
     around = [view._replace(gains=gain) for view, gain in zip(around, gains, strict=True)]
@@ -93,7 +101,7 @@ def render(
     found = surface(around, target, near, far)
     maps = found.layers(layers)
     colour, coverage = warp_seen(shown, amounts, target, maps, OCCLUSION_MARGIN * found.pixel)
-    logits = agreement_logits(colour)
+    logits = agreement_logits(colour, coverage)
     alpha, rgb = blend(logits, colour, coverage, distances, CORRECTED_POWER)
     full = composite_competing(logits[:, 0], rgb, (coverage > 0).any(1), maps)
     crop = (..., slice(target.height), slice(target.width))

@@ -1,13 +1,20 @@
-"""The pipeline in PyTorch, optimised for speed, and the reference itself.
+"""The job that the competitors render, the pipeline in PyTorch, optimised for speed, and the
+reference itself.
 
-TorchPipeline is faster than the reference (liveview.py) with the same result: BatchNorm is folded;
-only the sums of the composite are kept; a plane needs no disparity map, so its coordinates are
-three multiply-adds and a division on the rays of the target; and points behind a camera or with
-huge coordinates are masked only if the corners of the target show that there may be any (w is
-affine over the target, so its extremes are at the corners).
+All warp, run the network, blend and composite `batch` planes at a time, so that memory does not
+grow with their number. Preparations that do not depend on the target (photos as tensors, network)
+are not timed. TorchPipeline is faster than the reference (liveview.py) with the same result:
+BatchNorm is folded; only the sums of the composite are kept; a plane needs no disparity map, so its
+coordinates are three multiply-adds and a division on the rays of the target; and points behind a
+camera or with huge coordinates are masked only if the corners of the target show that there may be
+any (w is affine over the target, so its extremes are at the corners).
 """
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -28,7 +35,70 @@ from ..reference.liveview import (
     with_coverage,
 )
 from ..rig_arrays import cameras_of, images_of
-from .job import Job, Stopwatch, batches
+
+NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia")
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to render, by which competitor (one of NAMES). `path`: arrays as in rig_arrays.py, and
+    `disparities` of planes. `weights` None: those of the model."""
+
+    path: Path
+    model: Path
+    weights: Path | None
+    competitor: str
+    threads: int
+    batch: int
+
+    @property
+    def network(self) -> Path:
+        """The file of the network."""
+        return self.weights or self.model
+
+    @classmethod
+    def of(cls, message: dict) -> "Job":
+        """The job in a request to worker.py."""
+        weights = message.get("weights")
+        job = cls(
+            Path(message["job"]),
+            Path(message["model"]),
+            Path(weights) if weights else None,
+            message["engine"],
+            int(message.get("threads", 2)),
+            int(message.get("batch", 1)),
+        )
+        if job.competitor not in NAMES:
+            raise ValueError(f"no competitor {job.competitor!r}; expected one of {', '.join(NAMES)}")
+        if job.threads < 1 or job.batch < 1:
+            raise ValueError(f"threads {job.threads}, batch {job.batch}: expected at least 1")
+        return job
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        with np.load(self.path) as arrays:
+            data = dict(arrays)
+        if "disparities" not in data or not len(data["disparities"]):
+            raise ValueError(f"{self.path}: disparities: expected at least one plane")
+        return data
+
+
+class Stopwatch:
+    """Seconds by stage, summed over the batches of a render."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - started
+
+
+def batches(planes: int, batch: int) -> list[slice]:
+    """Planes near -> far in parts of `batch`; the last one may be smaller."""
+    return [slice(first, min(first + batch, planes)) for first in range(0, planes, batch)]
+
 
 PlaneWarp = Callable[[Tensor], Tensor]  # disparities [n] -> colour and coverage of a view [n, 4, H8, W8]
 LEAST_W = 1e-3  # of the largest w of a target; if its least w is smaller, points behind the camera are masked

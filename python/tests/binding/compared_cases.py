@@ -1,5 +1,5 @@
-"""Seeded cases for python/tests/binding: the stages of a picture on given layers, and of surface
-layers on a small scene in memory."""
+"""Seeded cases: the stages of a picture on given layers, and of surface layers on a small scene in
+memory."""
 
 import functools
 from collections.abc import Iterator
@@ -7,24 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from toy_rigs import rig, surface_rig
 
-from ..extension import in_memory, liveview
-from ..reference.composite import composite
-from ..reference.geometry.view_selection import view_distances
-from ..reference.layers.uniform import uniform_disparities
-from ..reference.render.blend import blend
-from ..reference.render.composite_competing import composite_competing
-from ..reference.render.renderer import warp_views
-from ..reference.render.spacing import shifted
-from ..reference.surface.range import range_of
-from ..reference.surface.search.grid import Grid
-from ..reference.surface.search.photo_depth import CELL, PhotoDepth, planes_of
-from ..reference.unet import UNet, start_from_agreement
-from ..rig_arrays import Arrays, cameras_of, images_of
-from . import stages, surface
-from .compared import Compared, in_dtype, joined, row
-from .render import Rendered
-from .rigs import rig, surface_rig
+from liveview_ref.extension import in_memory, liveview
+from liveview_ref.parity import stages, surface
+from liveview_ref.parity.compared import Compared, in_dtype, joined, row
+from liveview_ref.parity.render import Rendered
+from liveview_ref.reference.competing import composite_competing
+from liveview_ref.reference.layers import warp_views
+from liveview_ref.reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
+from liveview_ref.reference.surface.depth_range import range_of
+from liveview_ref.reference.surface.photo_depth import CELL, PhotoDepth, planes_of
+from liveview_ref.reference.surface.photo_sweep import Grid
+from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
+from liveview_ref.weights import start_from_agreement
 
 NEAR, FAR = 1.0, 8.0
 
@@ -49,10 +45,7 @@ CASES = {  # name: (V, rig, planes or guided layers, how opacity is meant)
     "competing_v4": (4, "random", evenly(12), {"alpha_scale": 2.0}),
     "competing_unseen": (4, "unseen", evenly(5, 0.6, np.inf), {"alpha_scale": 1.0}),
     "competing_guided": (4, "random", 3, {"alpha_scale": 60.0}),
-    "spaced_v4": (4, "random", evenly(12), {"alpha_spacing": 2.0}),
-    "spaced_uneven": (4, "random", [0.9, 0.9, 0.89, 0.5, 0.0], {"alpha_spacing": 3.0}),
-    "spaced_one": (4, "random", [0.4], {"alpha_spacing": 3.0}),
-    "spaced_unseen": (4, "unseen", evenly(5, 0.6, np.inf), {"alpha_spacing": 3.0}),
+    "uneven": (4, "random", [0.9, 0.9, 0.89, 0.5, 0.0], {}),
 }
 
 SURFACE_CASES: dict[str, dict] = {  # photos, rig, near and far
@@ -99,8 +92,7 @@ def end_to_end(of: stages.Rig, data: Arrays, dtype: torch.dtype) -> torch.Tensor
     maps, (images, cameras, target) = in_dtype(data["maps"], dtype), in_dtype(tuple(of), dtype)
     colour, coverage = warp_views(images, cameras, target, maps)
     logits = network(len(images)).to(dtype)(colour.flatten(1, 2))
-    shift = torch.from_numpy(data["logit_shift"]) if "logit_shift" in data else torch.zeros(len(maps))
-    alpha, rgb = blend(shifted(logits, shift), colour, coverage, view_distances(cameras, target))
+    alpha, rgb = blend(logits, colour, coverage, view_distances(cameras, target))
     covered = (coverage > 0).any(1)
     if "alpha_scale" in data:
         out = composite_competing(logits[:, 0], rgb, covered, maps, data["alpha_scale"])
