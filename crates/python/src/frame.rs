@@ -22,10 +22,10 @@ pub(crate) struct Frame {
     #[pyo3(get)]
     name: String,
     size: Size,
-    /// [h, w, 3] float32 in [0, 1]; what no photo covers is filled from its surroundings.
+    /// [h, w, 3] float32 in [0, 1]; pixels that no photo covers are filled from their surroundings.
     #[pyo3(get)]
     picture: Py<PyArray3<f32>>,
-    /// As `picture`, but black where no photo covers any layer.
+    /// The picture as it was composited, [h, w, 3] float32; black where no photo covers any layer.
     #[pyo3(get)]
     raw: Py<PyArray3<f32>>,
     /// [h, w] float32, 1/scene unit.
@@ -90,7 +90,7 @@ pub(crate) fn picture_array(picture: ImageRgb) -> Array3<f32> {
 
 #[pymethods]
 impl Frame {
-    /// Writes the picture as it is now, as `liveview render` does: JPEG for .jpg, else PNG.
+    /// Writes the picture, as `liveview render` does: JPEG for .jpg, else PNG.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let picture = Sides::default().array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?;
         let picture = picture.as_array().to_owned();

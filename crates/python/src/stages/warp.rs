@@ -79,8 +79,8 @@ pub(crate) fn sharpened<'py>(
     Ok(found.into_pyarray(py))
 }
 
-/// Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W] and coverage [L, V, H, W], above 0
-/// where a view sees the layer.
+/// Logits [L, V, H, W] without a network, of warped colours [L, V, 3, H, W] and their coverage [L, V, H, W], 0
+/// where a view does not see the layer.
 #[pyfunction]
 pub(crate) fn agreement_logits<'py>(
     py: Python<'py>,
