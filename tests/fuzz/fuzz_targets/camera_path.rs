@@ -5,18 +5,12 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
-use liveview_scene::cameras::read_cameras;
 use liveview::glam::{DMat3, DVec3};
 use liveview::{Camera, Intrinsics};
+use liveview_fuzz::file_in_memory;
+use liveview_scene::cameras::read_cameras;
 
-/// In memory, where there is such a folder: a file is written for each input.
-static FILE: LazyLock<PathBuf> = LazyLock::new(|| {
-    let memory = PathBuf::from("/dev/shm");
-    let folder = if memory.is_dir() { memory } else { std::env::temp_dir() };
-    let folder = folder.join(format!("liveview_fuzz_{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    folder.join("cameras.json")
-});
+static FILE: LazyLock<PathBuf> = LazyLock::new(|| file_in_memory("cameras.json"));
 
 fuzz_target!(|bytes: &[u8]| {
     let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 32.0, cy: 24.0, skew: 0.0 };

@@ -2,9 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use liveview_scene::fuzz;
 use liveview_fuzz::{check_opened, split_into_three_files};
+use liveview_scene::fuzz;
 
 fuzz_target!(|bytes: &[u8]| {
-    check_opened(scene::colmap(false, split_into_three_files(bytes)));
+    check_opened(fuzz::colmap(false, split_into_three_files(bytes)));
 });

@@ -4,6 +4,6 @@
 use libfuzzer_sys::fuzz_target;
 use liveview_scene::fuzz;
 
-fuzz_target!(|bytes: &[u8]| if let Err(damage) = scene::ply(bytes) {
+fuzz_target!(|bytes: &[u8]| if let Err(damage) = fuzz::ply(bytes) {
     assert!(damage.contains("; expected "), "{damage}");
 });

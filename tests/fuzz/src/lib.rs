@@ -1,6 +1,6 @@
 //! Helpers of the fuzz targets.
 
-use std::path::Component;
+use std::path::{Component, PathBuf};
 
 use liveview_scene::fuzz::Opened;
 
@@ -38,4 +38,17 @@ pub fn split_into_three_files(bytes: &[u8]) -> [&[u8]; 3] {
     let (first, rest) = (&bytes[start..end], &bytes[end..]);
     let (start, end) = file(rest);
     [first, &rest[start..end], &rest[end..]]
+}
+
+/// A path for the file of each input, in memory where there is such a folder.
+///
+/// # Panics
+///
+/// If its folder cannot be created.
+pub fn file_in_memory(name: &str) -> PathBuf {
+    let memory = PathBuf::from("/dev/shm");
+    let folder = if memory.is_dir() { memory } else { std::env::temp_dir() };
+    let folder = folder.join(format!("liveview_fuzz_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    folder.join(name)
 }
