@@ -18,13 +18,9 @@ RUFF := --config python/pyproject.toml python tests crates/python
 
 ### Use
 
-## The two held-out views of the example scene, compared with the truth; one of them also on the paper's planes.
+## The three uses, each on the example scene, and a table of what they gave: python/tools/demo.py.
 demo: build runtime
-	mkdir -p out
-	$(LIVEVIEW) render $(SCENE) --target target_0,target_1 -o out/views --compare out/compare --depth out/depth
-	ORT_DYLIB_PATH=$$(ls $(VENV)/lib/python*/site-packages/onnxruntime/capi/libonnxruntime.*) \
-		cargo run --quiet --release --locked --example two_ways
-	@echo "Open out/views, out/compare (truth, result, difference), out/depth and out/two_ways.png (truth, default, paper)."
+	$(PYTHON) python/tools/demo.py
 
 ## The held-out camera of the example rig's clip: a video if ffmpeg is installed, else its frames.
 DEMO_VIDEO := out/$(if $(shell command -v ffmpeg),rig.mp4,rig)
@@ -73,7 +69,7 @@ lint: setup
 ## Rust tests; ignored tests whose data is installed run as well.
 test-rust: runtime build
 	cargo test --release --locked
-	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scene -- --ignored
+	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked -p liveview-synthesizer --test scenes -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
 test-python: test-python-binding test-python-others

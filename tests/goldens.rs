@@ -168,7 +168,7 @@ fn blend_equals_the_reference() {
         let distances = numbers(&case["distances"]);
         let mut out = Blended::new(coverage.len() / distances.len());
         let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
-        DistanceWeights::new(&distances).blend(&samples, 0, &mut out);
+        samples.blend(&DistanceWeights::new(&distances), 0, &mut out);
         alphas.compare(&case, &out.alpha, &case["alpha"]);
         colours.compare(&case, &out.rgb.concat(), &case["rgb"]);
     }

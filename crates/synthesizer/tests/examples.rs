@@ -83,18 +83,6 @@ fn assert_is_held_out_view(out: &TempDir) {
 }
 
 #[test]
-fn two_ways_are_shown_beside_the_photo_with_their_cost() {
-    let library = wheel_or_named();
-    let (out, printed) = run_for("two_ways", &library, WIDTH);
-    let lines: Vec<&str> = printed.lines().collect();
-    assert!(lines[0].starts_with("surface:3, no network: ") && lines[1].starts_with("select:16/64, ONNX Runtime: "));
-    let score = |line: &str| line.split([' ', ':']).rev().nth(6).unwrap().parse::<f64>().unwrap();
-    assert!(lines.iter().all(|line| score(line) > 20.0 && line.contains(" dB, first picture in ")), "{printed}");
-    let beside = load(&out.path().join("two_ways.png")).unwrap();
-    assert!(beside.height() == HEIGHT && beside.width() > 3 * WIDTH);
-}
-
-#[test]
 fn path_writes_frames_and_video() {
     let out = run("path");
     let frames = pictures(&out);
