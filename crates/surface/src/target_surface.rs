@@ -3,9 +3,10 @@
 
 use std::sync::Arc;
 
-use super::correction::{balanced, gains_to_first, sharpening_with};
-use super::depth_maps::DepthMaps;
-use super::fusion::{ConfirmedDepth, Surface, SurfaceView, find_surface};
+use crate::consistency::ConfirmedDepth;
+use crate::correction::{balanced, gains_to_first, sharpening_with};
+use crate::depth_maps::DepthMaps;
+use crate::fusion::{Surface, SurfaceView, surface};
 use liveview::geometry::{Camera, distance};
 use liveview::layers::{Layers, LayersError};
 use liveview::render::{ViewCorrection, Visibility};
@@ -68,7 +69,7 @@ impl TargetSurface {
         let mut confirmed = maps.mutually_confirmed(photos);
         let mut views = views(photos, &confirmed);
         let corrections = correct(maps, &mut views, count, target, correction);
-        let surface = find_surface(&views, target, maps.range(), searches_holes);
+        let surface = surface(&views, target, maps.range(), searches_holes);
         let confirmed_share = maps.confirmed_share();
         confirmed.truncate(count);
         Self { surface, confirmed, corrections, confirmed_share }

@@ -6,14 +6,13 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
-use super::fusion::nearer_edges;
-use super::fusion::photo_variance::{MAX_VARIANCE, SeenSurface, photo_variance};
-use super::fusion::visible::visible;
-use super::search::aggregate::aggregate;
-use super::search::grid::{Candidates, Grid, SEGMENT};
-use super::search::photo_sweep::{COST_SCALE, costs};
-use super::search::planes::Planes;
-use super::*;
+use crate::aggregate::aggregate;
+use crate::consistency::visible;
+use crate::grid::{Candidates, Grid, Planes, SEGMENT};
+use crate::nearer_edges::nearer_edges;
+use crate::photo_sweep::{COST_SCALE, costs};
+use crate::target_search::{MAX_VARIANCE, SeenSurface, photo_variance};
+use crate::*;
 use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
 use liveview::image::ImageRgb;
 use liveview::layers::{Layer, LayersError};
@@ -178,7 +177,7 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     }
     let views = rig.surface_views(&confirmed);
     let target = camera(0.1);
-    let found = surface(&views, &target, RANGE.0, RANGE.1);
+    let found = surface(&views, &target, RANGE, true);
     let share = correct_share(&found.disparity, 0.1, found.disparity_per_pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
@@ -344,7 +343,7 @@ fn surface_any_number_of_threads_gives_the_same_bits() {
             let mut maps = rig.maps();
             let confirmed = maps.mutually_confirmed(&rig.set(5));
             let views = rig.surface_views(&confirmed[..4]);
-            let found = surface(&views, &camera(0.07), RANGE.0, RANGE.1).disparity;
+            let found = surface(&views, &camera(0.07), RANGE, true).disparity;
             let correction = exposure_gains(&views, &[1.0; 4]).concat().into_iter().chain(sharpening(&views));
             found.into_iter().chain(correction).map(f32::to_bits).collect::<Vec<_>>()
         })

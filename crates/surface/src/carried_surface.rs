@@ -6,18 +6,18 @@
 //! planes.
 //!
 //! Measured alternatives: docs/design-log/video.md.
+//!
+//! Dirty tiles: rectangles around the cells whose disparity no longer agrees with the photos.
 
 use glam::DVec3;
-use liveview::geometry::{Camera, PlaneSweep, Size, source_from_target};
-use liveview::layers::{CELL, LayersError, padded};
-use liveview::warp::SourceView;
-use ndarray::{Array2, Axis, s};
+use ndarray::{Array2, ArrayView2, Axis, s};
 
-use super::range_map::{RangeMap, neighbourhood, range_of};
-use super::search::{COARSE, GuidedSearch, SearchStages, WINDOWS};
-use super::target_views::TargetViews;
 use crate::Reuse;
-use crate::dirty_tiles::{Region, dirty_regions};
+use crate::guided::{COARSE, GuidedSearch, RangeMap, SearchStages, TargetViews, WINDOWS, range_of};
+use crate::neighbourhood::extremes3;
+use liveview::geometry::{Camera, PlaneSweep, Size, source_from_target};
+use liveview::layers::{CELL, LayersError};
+use liveview::warp::SourceView;
 
 /// A cell is an outlier if its cost is more than this many times what it was when the cell was
 /// searched …
@@ -53,7 +53,7 @@ pub fn guided_range(
         let refreshed = if reuse == Reuse::Refreshed { moved.refresh(search, &views)? } else { 0.0 };
         return Ok((carried.insert(moved).range(), refreshed));
     }
-    let stages = search.search_levels(&views.levels, &views.sweeps(target), padded(target.size()))?;
+    let stages = search.search_part(&views, target)?;
     let range = stages.range.clone();
     *carried = is_followed.then(|| CarriedSurface::new(stages, &views));
     Ok((range, 1.0))
@@ -120,7 +120,8 @@ impl CarriedSurface {
         }
         fill_holes(&mut disparity);
         // Edges are displaced by up to a cell: a cell may cost as much as any of its neighbours.
-        let cost = neighbourhood(&cost, |around| around.into_iter().fold(0.0, f32::max));
+        let largest = extremes3(cost.as_slice().expect("standard order"), cost.ncols()).0;
+        let cost = Array2::from_shape_vec(cost.dim(), largest).expect("one per cell");
         Self { target: target.clone(), disparity, cost, planes: self.planes }
     }
 
@@ -138,8 +139,7 @@ impl CarriedSurface {
         let share = |cells: usize| cells as f64 / now.len() as f64;
         let expanded: Vec<Region> = dirty.iter().map(|region| region.expanded(now.dim())).collect();
         if share(expanded.iter().map(Region::area).sum()) > MAX_DIRTY_SHARE {
-            let size = padded(views.target.size());
-            let stages = search.search_levels(&views.levels, &views.sweeps(views.target), size)?;
+            let stages = search.search_part(views, views.target)?;
             *self = Self::new(stages, views);
             return Ok(1.0);
         }
@@ -166,7 +166,7 @@ impl CarriedSurface {
         let [left, top] = [expanded.left, expanded.top].map(|cell| (cell * COARSE) as f64);
         let size = Size::new(expanded.width() * COARSE, expanded.height() * COARSE);
         let part = views.target.with_window(left, top, size.width, size.height).expect("a part of a padded target");
-        let found = search.search_levels(&views.levels, &views.sweeps(&part), size)?;
+        let found = search.search_part(views, &part)?;
         let fine = |cell: usize| cell * COARSE / CELL;
         let inner = |start: usize, end: usize, from: usize| fine(start - from)..fine(end - from);
         self.disparity
@@ -185,7 +185,7 @@ fn cost(disparity: &Array2<f32>, views: &TargetViews<'_>) -> Array2<f32> {
     // side.
     let step = (COARSE / CELL) as isize;
     let map = disparity.slice(s![..;step, ..;step]).insert_axis(Axis(0));
-    let costs = views.levels.coarse().costs(&views.sweeps(views.target), map, WINDOWS[0]);
+    let costs = views.coarse().costs(&views.sweeps(views.target), map, WINDOWS[0]);
     costs.index_axis_move(Axis(0), 0)
 }
 
@@ -216,8 +216,94 @@ fn fill_holes(disparity: &mut Array2<f32>) {
     }
 }
 
+/// Cells per side of a tile.
+const TILE: usize = 8;
+/// A tile is dirty if more than this many of its cells are outliers.
+const MAX_OUTLIERS: usize = 2;
+/// Cells around a dirty region that are searched with it, so that its edges agree with their
+/// surroundings.
+const MARGIN: usize = TILE;
+
+/// A rectangle of cells: first column and row, and those after the last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Region {
+    /// First column.
+    pub left: usize,
+    /// First row.
+    pub top: usize,
+    /// The column after the last.
+    pub right: usize,
+    /// The row after the last.
+    pub bottom: usize,
+}
+
+impl Region {
+    pub(crate) fn width(&self) -> usize {
+        self.right - self.left
+    }
+
+    pub(crate) fn height(&self) -> usize {
+        self.bottom - self.top
+    }
+
+    /// Number of its cells.
+    pub fn area(&self) -> usize {
+        self.width() * self.height()
+    }
+
+    /// The rectangle with its margin on each side, cut at the edges of a map of `(height, width)`
+    /// cells.
+    pub fn expanded(&self, (height, width): (usize, usize)) -> Self {
+        Self {
+            left: self.left.saturating_sub(MARGIN),
+            top: self.top.saturating_sub(MARGIN),
+            right: (self.right + MARGIN).min(width),
+            bottom: (self.bottom + MARGIN).min(height),
+        }
+    }
+}
+
+/// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of
+/// the map.
+pub fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
+    let (height, width) = outliers.dim();
+    let mut dirty = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {
+        let rows = y * TILE..(y * TILE + TILE).min(height);
+        let cells = rows.flat_map(|y| (x * TILE..(x * TILE + TILE).min(width)).map(move |x| (y, x)));
+        cells.filter(|&cell| outliers[cell]).count() > MAX_OUTLIERS
+    });
+    let (rows, columns) = dirty.dim();
+    let mut found = Vec::new();
+    for y in 0..rows {
+        for x in 0..columns {
+            if !std::mem::take(&mut dirty[(y, x)]) {
+                continue;
+            }
+            let (mut left, mut right, mut bottom) = (x, x, y);
+            let mut group = vec![(y, x)];
+            while let Some((y, x)) = group.pop() {
+                (left, right, bottom) = (left.min(x), right.max(x), bottom.max(y));
+                for y in y.saturating_sub(1)..(y + 2).min(rows) {
+                    for x in x.saturating_sub(1)..(x + 2).min(columns) {
+                        if std::mem::take(&mut dirty[(y, x)]) {
+                            group.push((y, x));
+                        }
+                    }
+                }
+            }
+            found.push(Region {
+                left: left * TILE,
+                top: y * TILE,
+                right: ((right + 1) * TILE).min(width),
+                bottom: ((bottom + 1) * TILE).min(height),
+            });
+        }
+    }
+    found
+}
+
 #[cfg(test)]
-mod tests {
+mod carried_surface_tests {
     use glam::DMat3;
 
     use super::*;
@@ -262,5 +348,27 @@ mod tests {
         let mut map = ndarray::array![[n, n, n], [n, 2.0, n], [3.0, n, 1.0], [n, n, n]];
         fill_holes(&mut map);
         assert_eq!(map, ndarray::array![[2.0, 2.0, 2.0], [2.0, 2.0, 2.0], [3.0, 1.0, 1.0], [3.0, 1.0, 1.0]]);
+    }
+}
+
+#[cfg(test)]
+mod dirty_tiles_tests {
+    use super::*;
+
+    #[test]
+    fn adjoining_dirty_tiles_become_one_rectangle_and_single_outliers_none() {
+        let mut outliers = Array2::from_elem((30, 44), false);
+        outliers[(20, 30)] = true;
+        assert_eq!(dirty_regions(outliers.view()), []);
+        // Two tiles that touch at a corner, and one at the lower right edge.
+        for (y, x) in [(7, 15), (8, 16), (29, 43)] {
+            (0..4).for_each(|i| outliers[(y / 8 * 8 + i, x)] = true);
+        }
+        let found = dirty_regions(outliers.view());
+        assert_eq!(
+            found,
+            [Region { left: 8, top: 0, right: 24, bottom: 16 }, Region { left: 40, top: 24, right: 44, bottom: 30 }]
+        );
+        assert_eq!(found[0].expanded(outliers.dim()), Region { left: 0, top: 0, right: 32, bottom: 24 });
     }
 }

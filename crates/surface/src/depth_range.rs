@@ -11,8 +11,9 @@
 
 use rayon::prelude::*;
 
-use super::fusion::confirmed_by;
-use super::search::{PhotoDepth, photo_depth};
+use crate::consistency::confirmed_by;
+use crate::photo_depth;
+use crate::photo_depth::PhotoDepth;
 use liveview::warp::SourceView;
 
 /// Share of the confirmed disparities left out at either end.

@@ -20,11 +20,10 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::confirmed_depth::ConfirmedDepth;
-use super::splat::{Single, splat};
-use super::surface::{AVERAGED_PX, SAME_SURFACE_PX};
+use crate::consistency::ConfirmedDepth;
+use crate::fusion::{AVERAGED_PX, SAME_SURFACE_PX, Single, splat};
 use crate::neighbourhood::share_of_known;
-use crate::search::PhotoDepth;
+use crate::photo_depth::PhotoDepth;
 use liveview::geometry::Size;
 use liveview::warp::{NO_GAINS, RUN, SamplePositions, SourceView, Texture, WarpSource, sample, warp_sources};
 
