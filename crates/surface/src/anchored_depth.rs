@@ -30,10 +30,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::consistency::{ConfirmedDepth, confirmed_by};
+use crate::consistency::confirmed_by;
 use crate::fusion::{AVERAGED_PX, SAME_SURFACE_PX, Single, splat};
 use crate::neighbourhood::{extremes3, share_of_known};
-use crate::photo_depth::{Anchors, CELL, CellSearch, PhotoDepth, detail_pixels, refined};
+use crate::photo_depth::{Anchors, CELL, CellSearch, detail_pixels, refined};
+use crate::{ConfirmedDepth, PhotoDepth};
 use liveview::geometry::Camera;
 use liveview::warp::{SourceView, Texture};
 

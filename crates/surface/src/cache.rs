@@ -29,8 +29,9 @@ use ndarray_npy::{NpzWriter, ViewElement, WriteNpzError};
 use sha2::{Digest, Sha256};
 use zip::ZipArchive;
 
+use crate::PhotoDepth;
 use crate::aggregate::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
-use crate::photo_depth::{FINE_PER_COARSE, PLANE_SPACING, PhotoDepth};
+use crate::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
 use liveview::geometry::{Camera, Intrinsics, MAX_SIDE, Size};
 use liveview::warp::Texture;
 use liveview_files::atomic::{AtomicFile, is_special};

@@ -23,7 +23,7 @@ use glam::{DMat3, DVec3};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::photo_depth::PhotoDepth;
+use crate::PhotoDepth;
 use liveview::geometry::{Camera, PlaneSweep};
 use liveview::warp::{RUN, round_to_i32};
 

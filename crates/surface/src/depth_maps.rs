@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::consistency::{ConfirmedDepth, ConsistencyVotes, confirmed, confirmed_by};
+use crate::consistency::confirmed_by;
 use crate::correction::PairStatistics;
 use crate::nearer_edges::nearer_edges;
-use crate::photo_depth::PhotoDepth;
+use crate::{ConfirmedDepth, ConsistencyVotes, PhotoDepth, confirmed};
 use liveview::geometry::{Camera, facing_alike};
 use liveview::warp::SourceView;
 

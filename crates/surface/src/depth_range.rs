@@ -12,8 +12,7 @@
 use rayon::prelude::*;
 
 use crate::consistency::confirmed_by;
-use crate::photo_depth;
-use crate::photo_depth::PhotoDepth;
+use crate::{PhotoDepth, photo_depth};
 use liveview::warp::SourceView;
 
 /// Share of the confirmed disparities left out at either end.

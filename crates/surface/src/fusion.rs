@@ -25,7 +25,8 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::consistency::{ConfirmedDepth, Projected, project_row, visible};
+use crate::ConfirmedDepth;
+use crate::consistency::{Projected, project_row, visible};
 use crate::neighbourhood::{extremes3, fill_holes, median3};
 use crate::parallax::widest_parallax;
 use crate::target_search::{SeenSurface, TargetSearch, photo_variance};

@@ -20,10 +20,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::consistency::ConfirmedDepth;
 use crate::fusion::{AVERAGED_PX, SAME_SURFACE_PX, Single, splat};
 use crate::neighbourhood::share_of_known;
-use crate::photo_depth::PhotoDepth;
+use crate::{ConfirmedDepth, PhotoDepth};
 use liveview::geometry::Size;
 use liveview::warp::{NO_GAINS, RUN, SamplePositions, SourceView, Texture, WarpSource, sample, warp_sources};
 

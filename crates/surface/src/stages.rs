@@ -7,14 +7,13 @@
 use ndarray::{Array2, Array3};
 
 use crate::aggregate::aggregate;
-use crate::anchored_depth::{self, Group, SmallPhoto};
-use crate::consistency::ConfirmedDepth;
-use crate::fusion::{OCCLUSION_MARGIN_PX, SurfaceView, disparity_per_pixel, splat_confirmed, warp_sources};
+use crate::anchored_depth::{self, Group};
+use crate::fusion::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
 use crate::grid::{Candidates, Grid, Planes};
-use crate::photo_depth::{Anchors, PhotoDepth};
+use crate::photo_depth::Anchors;
 use crate::photo_sweep::costs;
 use crate::target_search::{self, SeenSurface, TargetSearch};
-use crate::{consistency, grid, neighbourhood, photo_depth};
+use crate::{ConfirmedDepth, PhotoDepth, SmallPhoto, SurfaceView, consistency, grid, neighbourhood, photo_depth};
 use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::layers::padded;
 use liveview::warp::{SourceView, Texture, WarpSource};

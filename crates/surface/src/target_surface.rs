@@ -3,10 +3,8 @@
 
 use std::sync::Arc;
 
-use crate::consistency::ConfirmedDepth;
 use crate::correction::{balanced, gains_to_first, sharpening_with};
-use crate::depth_maps::DepthMaps;
-use crate::fusion::{Surface, SurfaceView, surface};
+use crate::{ConfirmedDepth, DepthMaps, Surface, SurfaceView, surface};
 use liveview::geometry::{Camera, distance};
 use liveview::layers::{Layers, LayersError};
 use liveview::render::{ViewCorrection, Visibility};

@@ -4,11 +4,11 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use ndarray::{Array2, ShapeBuilder, array};
 use ndarray_npy::{NpzWriter, WritableElement};
+use super::*;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::*;
-use crate::photo_depth::PhotoDepth;
+use crate::PhotoDepth;
 use liveview::geometry::{Camera, Intrinsics, Size};
 use liveview::image::ImageRgb;
 use liveview::warp::Texture;

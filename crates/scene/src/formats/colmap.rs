@@ -9,21 +9,22 @@
 //! A view's depth range comes from its tracked points: 0.9 × the 1st and 1.1 × the 99th percentile
 //! of their depths. A note reports the median reprojection error of these points, since a large one
 //! means that poses and photos do not belong together.
-
-pub(super) mod binary;
-pub(super) mod model;
-pub(super) mod text;
+//!
+//! A sparse model, and what its binary and text encodings have in common.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-use model::{Lens, Model, ModelFormat, Registered};
+use glam::{DMat3, DQuat, DVec3};
 
-use crate::photos::lookup::{PhotoLookup, list_photos};
-use crate::pose_file::{abbreviated, safe_name};
-use crate::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneError, SceneOptions};
-use liveview::geometry::Intrinsics;
+use crate::photos::{PhotoLookup, list_photos};
+use crate::scene_file::{self, abbreviated, safe_name};
+use crate::undistort::{FISHEYES, PINHOLES};
+use crate::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
+use liveview::geometry::{Camera, Intrinsics, Size};
+
+pub(crate) mod binary;
+pub(crate) mod text;
 
 /// Tracked points that a view needs for a depth range.
 const MIN_POINTS: usize = 8;
@@ -32,7 +33,7 @@ const MIN_POINTS: usize = 8;
 const MODEL_FOLDERS: [&str; 4] = ["sparse/0", "sparse", "", "colmap/sparse/0"];
 
 /// The folder of the sparse model, and its format.
-pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
+pub(crate) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
     MODEL_FOLDERS.map(|folder| root.join(folder)).into_iter().find_map(|folder| {
         let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
         Some((folder, format))
@@ -40,11 +41,11 @@ pub(super) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
 }
 
 /// The folder of a sparse model that lacks files, if there is one.
-pub(super) fn incomplete_model(root: &Path) -> Option<&'static str> {
+pub(crate) fn incomplete_model(root: &Path) -> Option<&'static str> {
     MODEL_FOLDERS.into_iter().find(|folder| !folder.is_empty() && root.join(folder).is_dir())
 }
 
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
+pub(crate) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
     let Some((folder, format)) = model_folder(root) else {
         return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
     };
@@ -57,7 +58,7 @@ pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions
 }
 
 /// Views of the listed photos.
-pub(super) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+pub(crate) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
     let listed_in = lookup.listed_in;
     // Downscaled copies differ in size from the model's photos, and may differ in extension.
     let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
@@ -92,15 +93,15 @@ pub(super) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>
 }
 
 /// What a model says of one of its photos.
-pub(super) struct Seen {
+pub(crate) struct Seen {
     /// Centre of its camera, in units of the model.
-    pub(super) centre: DVec3,
+    pub(crate) centre: DVec3,
     /// Range of the depths of its points.
-    pub(super) range: Option<(f64, f64)>,
+    pub(crate) range: Option<(f64, f64)>,
 }
 
 /// What a model says of its photos, by name.
-pub(super) fn seen(model: &Model) -> HashMap<&str, Seen> {
+pub(crate) fn seen(model: &Model) -> HashMap<&str, Seen> {
     let seen = model.images.iter().filter_map(|image| {
         let (depths, _) = depths_and_errors(image, model.lenses.get(&image.camera)?, &model.points);
         let centre = -(image.rotation.transpose() * image.translation);
@@ -130,7 +131,7 @@ fn depths_and_errors(image: &Registered, lens: &Lens, points: &HashMap<u64, DVec
 }
 
 /// Near and far depth with a margin, in scene units; `None` for fewer than [`MIN_POINTS`].
-pub(super) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
+pub(crate) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
     if depths.len() < MIN_POINTS {
         return None;
     }
@@ -151,4 +152,120 @@ fn reprojection_note(mut errors: Vec<f64>) -> Option<String> {
     let median = errors.get(errors.len() / 2)?;
     let warning = if *median > 2.0 { ": poses or photos may not belong together" } else { "" };
     Some(format!("median reprojection error of {} tracked points: {median:.2} px{warning}", errors.len()))
+}
+
+/// The intrinsics and distortion of one of the model's cameras, and the size of its photos in
+/// pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Lens {
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) distortion: Distortion,
+    pub(crate) size: Size,
+}
+
+/// A registered photo; its pose is `cam_from_world`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Registered {
+    pub(crate) name: String,
+    pub(crate) camera: u32,
+    pub(crate) rotation: DMat3,
+    pub(crate) translation: DVec3,
+    /// Keypoints with a 3D point: position in the distorted photo (pixels), id of the point.
+    pub(crate) tracked: Vec<(f64, f64, u64)>,
+}
+
+/// A sparse model.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Model {
+    pub(crate) lenses: HashMap<u32, Lens>,
+    pub(crate) images: Vec<Registered>,
+    pub(crate) points: HashMap<u64, DVec3>,
+}
+
+/// Adds the contents of one file, given its path and bytes, to a model.
+type Parse = fn(&Path, &[u8], &mut Model) -> Result<(), SceneError>;
+
+/// An encoding of a model, binary or text.
+pub(crate) struct ModelFormat {
+    /// File extension.
+    pub(crate) extension: &'static str,
+    pub(crate) cameras: Parse,
+    pub(crate) images: Parse,
+    pub(crate) points: Parse,
+}
+
+impl ModelFormat {
+    pub(crate) fn file(&self, folder: &Path, name: &str) -> PathBuf {
+        folder.join(format!("{name}.{}", self.extension))
+    }
+
+    pub(crate) fn is_in(&self, folder: &Path) -> bool {
+        ["cameras", "images"].iter().all(|name| self.file(folder, name).is_file())
+    }
+
+    pub(crate) fn read(&self, folder: &Path) -> Result<Model, SceneError> {
+        let mut model = Model::default();
+        for (name, parse) in [("cameras", self.cameras), ("images", self.images), ("points3D", self.points)] {
+            let path = self.file(folder, name);
+            if name != "points3D" || path.is_file() {
+                parse(&path, &scene_file::read(&path)?, &mut model)?;
+            }
+        }
+        Ok(model)
+    }
+}
+
+/// Camera models and their numbers of parameters, indexed by the model number in binary files.
+pub(crate) const MODELS: [(&str, usize); 12] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+];
+
+/// A lens from a camera model's name and parameters; an error for unsupported models.
+pub(crate) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> Result<Lens, SceneError> {
+    let fisheye = FISHEYES.contains(&model);
+    if !fisheye && !PINHOLES.contains(&model) {
+        let read = [&PINHOLES[..], &FISHEYES].concat().join(", ");
+        let hint = format!("run COLMAP's image_undistorter first, or use {read}");
+        return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
+    }
+    if !MODELS.contains(&(model, parameters.len())) {
+        let what = format!("a {model} camera with {} parameters", parameters.len());
+        return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
+    }
+    // One focal length or two, the principal point, then the first coefficients of FULL_OPENCV's. A
+    // fisheye has k3 and k4 in place of p1 and p2.
+    let has_one_focal_length = model.starts_with("SIMPLE") || model.starts_with("RADIAL");
+    let (focal, rest) = parameters.split_at(if has_one_focal_length { 1 } else { 2 });
+    let (centre, given) = rest.split_at(2);
+    let intrinsics = Intrinsics { fx: focal[0], fy: focal[focal.len() - 1], cx: centre[0], cy: centre[1], skew: 0.0 };
+    let mut coefficients = [0.0; 8];
+    coefficients[..given.len()].copy_from_slice(given);
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+    let distortion = match fisheye {
+        true => Distortion { fisheye, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
+        false => Distortion { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
+    };
+    // Checked here, so that the error names the file that holds the intrinsics.
+    let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
+    Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).and(distortion.check()).map_err(refused)?;
+    Ok(Lens { intrinsics, distortion, size })
+}
+
+/// Rotation from a quaternion w x y z of any length; NaN if the length is 0 or not finite.
+pub(crate) fn rotation([w, x, y, z]: [f64; 4]) -> DMat3 {
+    let length = (w * w + x * x + y * y + z * z).sqrt();
+    let unit = DQuat::from_xyzw(x / length, y / length, z / length, w / length);
+    // `DMat3::from_quat` panics on other lengths in some builds; NaN becomes an error later.
+    if length > 0.0 && unit.is_finite() { DMat3::from_quat(unit) } else { DMat3::NAN }
 }
