@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
 use liveview::render::{Batch, Frame, Renderer};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
@@ -23,7 +23,7 @@ pub(crate) struct Job {
     pub(crate) model: ModelInfo,
     /// Counts rendered layers.
     pub(crate) progress: ProgressBar,
-    /// The share of the pixels of the last picture on which its photos agree ([`liveview_live::agreement`]); `None` with a network and
+    /// The share of the pixels of the last picture on which its photos agree ([`liveview_synthesizer::agreement`]); `None` with a network and
     /// for layers that are not along the surface.
     pub(crate) agreeing_share: Option<f64>,
 }

@@ -72,12 +72,6 @@ pub struct SearchStages {
 }
 
 impl GuidedSearch {
-    /// A search from `near` to `far`, scene units; the parallax determines the planes of the first
-    /// search.
-    pub fn new(near: f64, far: f64) -> Self {
-        Self { near, far, planes: None }
-    }
-
     /// Searches a target, padded ([`liveview::layers::padded`]), for which these are the views.
     ///
     /// # Errors

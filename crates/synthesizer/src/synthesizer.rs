@@ -3,22 +3,15 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::{
+    Carried, FrameInput, LayerSource, LayerSpec, LoadedShot, OpenedRenderer, Options, PhotosWithDepth, Plan,
+    ScenePhotos, SceneViews, Shot, SynthesisError, Target, Targets, find_layers, memory,
+};
 use liveview::layers::Layers;
 use liveview::network::RunEnd;
 use liveview::render::{Frame, Observer, RenderRequest, Renderer, ViewCorrection};
 use liveview_scene::Scene;
 use liveview_surface::{EXTRA_PHOTOS, PhotoCorrection, Reuse, TargetSurface, photo_corrections};
-
-use crate::error::SynthesisError;
-use crate::find_layers::{Carried, FrameInput, PhotosWithDepth, find_layers};
-use crate::layer_spec::LayerSpec;
-use crate::memory;
-use crate::options::{OpenedRenderer, Options};
-use crate::plan::Plan;
-use crate::scene_photos::ScenePhotos;
-use crate::scene_views::SceneViews;
-use crate::shot::{LoadedShot, Shot};
-use crate::target::{Target, Targets};
 
 /// Renders new views of a scene: [`Self::render`], or step by step [`Self::shots`], [`Self::load`],
 /// [`Self::plan`] and [`Self::render_plan`].
@@ -112,11 +105,6 @@ impl Synthesizer {
     /// Ends the runs of the model that [`Self::open`] opened from another thread; `None` without one.
     pub fn run_end(&self) -> Option<RunEnd> {
         self.run_end.clone()
-    }
-
-    /// The renderer, for another synthesizer.
-    pub fn into_renderer(self) -> Renderer {
-        self.renderer
     }
 
     /// Sets which layers it renders on; photos and their depth stay in memory.
@@ -216,7 +204,7 @@ impl Synthesizer {
             photo_correction: self.photo_correction,
             searches_holes: self.searches_holes,
         };
-        let mut found = find_layers::<SynthesisError>(
+        let mut plan = find_layers::<SynthesisError>(
             &self.layers,
             &mut Carried::default(),
             &input,
@@ -224,12 +212,13 @@ impl Synthesizer {
             // The photos of a scene do not change, nor does their depth.
             |_| self.photos.with_depth(shot),
         )?;
-        let selection = found.selection.take();
-        let mut plan = Plan::found(found, started.elapsed());
         if !corrections.is_empty() {
-            plan = Plan { corrections, search: started.elapsed(), ..plan };
+            plan.corrections = corrections;
         }
-        let Some(selection) = selection else { return Ok(plan) };
+        if plan.source != LayerSource::Fixed || !plan.corrections.is_empty() {
+            plan.search = started.elapsed();
+        }
+        let Some(selection) = plan.selects.take() else { return Ok(plan) };
         let started = Instant::now();
         let frame = self.render_plan(shot, &plan, None)?;
         let layers = selection.planes(&frame, self.renderer.alpha())?;

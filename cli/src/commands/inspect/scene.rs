@@ -7,7 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
 use liveview::geometry::{PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_scene::View;
 use liveview_scene::cameras::MeanPose;
 use liveview_surface::parallax::{coverage, grid, parallax};

@@ -14,7 +14,7 @@ use std::time::Instant;
 use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
 use explain::{Explained, Explanation};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::Score;
 use liveview_synthesizer::{LayerSpec, Plan, Shot, TargetSurface};
 use outputs::{Outputs, disparity_max};

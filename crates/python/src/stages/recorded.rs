@@ -81,7 +81,7 @@ impl Recorded {
 pub(super) fn put_search(found: SearchStages, layers: &Layers, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
     let py = arrays.py();
     let range = &found.range;
-    let range = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+    let range = [&range.nearest, &range.surface, &range.farthest].map(|map| map.view());
     arrays.set_item("range", stack(Axis(0), &range).expect("of one size").into_pyarray(py))?;
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();

@@ -8,7 +8,7 @@ use anyhow::Result;
 use liveview::geometry::distance;
 use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{
     FoundDepth, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, Synthesizer, TargetCamera, Targets,

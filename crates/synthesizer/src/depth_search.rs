@@ -1,15 +1,13 @@
 //! The search for the depth of one photo, apart from the stores that its photos come from and its
 //! result goes to: it may run on any thread.
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::scene_depth::DepthSource;
-use crate::error::SynthesisError;
 use crate::shot::LoadedPhoto;
+use crate::{DepthSource, SynthesisError};
 use liveview::warp::{SourceView, Texture};
 use liveview_scene::Scene;
 use liveview_surface::cache::{DepthCache, DepthKey, PhotoDigest};
@@ -17,6 +15,7 @@ use liveview_surface::{Comparison, PhotoDepth, SmallMaps, Votes, anchored_depth_
 
 /// A search for the depth of a view's photo, to be run on any thread
 /// ([`crate::ScenePhotos::depth_search`]).
+#[derive(Debug)]
 pub struct DepthSearch {
     pub(crate) scene: Arc<Scene>,
     pub(crate) held_out: Vec<usize>,
@@ -37,6 +36,7 @@ pub struct DepthSearch {
 }
 
 /// A photo that a search needs, as far as it is in memory.
+#[derive(Debug)]
 pub(crate) struct SearchedPhoto {
     pub(crate) view: usize,
     pub(crate) texture: Option<Arc<Texture>>,
@@ -45,6 +45,7 @@ pub(crate) struct SearchedPhoto {
 
 /// The depth of a view's photo, and the photos that were read for it
 /// ([`crate::ScenePhotos::insert_depth`]).
+#[derive(Debug)]
 pub struct FoundDepth {
     pub(crate) held_out: Vec<usize>,
     pub(crate) photos: Vec<SearchedPhoto>,
@@ -54,18 +55,6 @@ pub struct FoundDepth {
     pub(crate) time: Duration,
     /// What went wrong with files of the folder, a line each.
     pub(crate) notes: Vec<String>,
-}
-
-impl fmt::Debug for DepthSearch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("DepthSearch").field("view", &self.photos[0].view).finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for FoundDepth {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("FoundDepth").field("view", &self.view()).field("source", &self.source).finish_non_exhaustive()
-    }
 }
 
 impl FoundDepth {

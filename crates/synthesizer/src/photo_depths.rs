@@ -5,17 +5,12 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
-use super::depth_search::{DepthSearch, FoundDepth, SearchedPhoto};
-use super::depth_store::{DepthFiles, with_held_out};
-use super::scene_depth::{DepthProgress, ViewDepth};
-use crate::error::SynthesisError;
-use crate::find_layers::PhotosWithDepth;
-use crate::scene_photos::ScenePhotos;
-#[cfg(doc)]
-use crate::scene_views::SceneViews;
-use crate::shot::{LoadedShot, Shot};
-use liveview_surface::cache::DepthCache;
+use crate::depth_search::SearchedPhoto;
+use crate::{DepthSearch, FoundDepth, LoadedShot, PhotosWithDepth, ScenePhotos, SceneViews, Shot, SynthesisError};
+use liveview_surface::cache::{DepthCache, PhotoDigest};
+use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
 
 impl ScenePhotos {
     /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier
@@ -34,7 +29,7 @@ impl ScenePhotos {
         let refused = |source| SynthesisError::Cache { folder: folder.to_owned(), source };
         let folder = DepthCache::open(folder).map_err(refused)?;
         let digests = vec![None; self.views.scene().views.len()];
-        self.depths.files = Some(DepthFiles { folder, digests, notes: Vec::new() });
+        self.files = Some(DepthFiles { folder, digests, notes: Vec::new() });
         Ok(())
     }
 
@@ -42,19 +37,19 @@ impl ScenePhotos {
     /// large one. Where it returns [`ControlFlow::Break`], there are no more searches, and what
     /// needed the depth returns [`SynthesisError::Cancelled`]; depths found so far are kept.
     pub fn on_depth_search(&mut self, progress: impl FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send + 'static) {
-        self.depths.progress = Some(Box::new(progress));
+        self.progress = Some(Box::new(progress));
     }
 
     /// What went wrong with files of the folder of depths since the last call, a line each; nothing
     /// else depends on it.
     pub fn take_notes(&mut self) -> Vec<String> {
-        self.depths.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
+        self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
     }
 
     /// The views of a shot whose photos' depth is not known: rendering it along the surface searches
     /// them.
     pub fn unknown_depths(&self, shot: &Shot) -> Vec<usize> {
-        let known = self.depths.depth.as_ref().filter(|depth| depth.held_out == shot.held_out);
+        let known = self.depth.as_ref().filter(|depth| depth.held_out == shot.held_out);
         shot.photos().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
     }
 
@@ -82,7 +77,7 @@ impl ScenePhotos {
         held_out: &[usize],
         compared: &[usize],
     ) -> Result<Option<DepthSearch>, SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         if depth.found(view).is_some() {
             return Ok(None);
         }
@@ -91,10 +86,10 @@ impl ScenePhotos {
         let all = searched.iter().flatten().copied();
         let further: BTreeSet<usize> = all.filter(|view| !group.contains(view)).collect();
         let compared: Vec<usize> = compared.iter().filter_map(|&view| depth.find_map_index(view)).collect();
-        let files = self.depths.files.as_ref();
+        let files = self.files.as_ref();
         let photo = |&view: &usize| SearchedPhoto {
             view,
-            texture: self.photos.get(view),
+            texture: self.textures[view].clone(),
             digest: files.and_then(|files| files.digests[view]),
         };
         Ok(Some(DepthSearch {
@@ -113,16 +108,16 @@ impl ScenePhotos {
     /// Takes what a search found, unless other views are held out now.
     pub fn insert_depth(&mut self, found: FoundDepth) {
         let held_out = &found.held_out;
-        let Some(depth) = self.depths.depth.as_mut().filter(|depth| depth.held_out == *held_out) else { return };
+        let Some(depth) = self.depth.as_mut().filter(|depth| depth.held_out == *held_out) else { return };
         let index = depth.map_index(found.view());
         depth.maps.insert_compared(index, found.depth, found.votes);
         depth.sources[index] = (found.source, found.time);
         for photo in &found.photos {
             if let Some(texture) = &photo.texture {
-                self.photos.insert(photo.view, texture);
+                self.textures[photo.view].get_or_insert_with(|| Arc::clone(texture));
             }
         }
-        if let Some(files) = &mut self.depths.files {
+        if let Some(files) = &mut self.files {
             for photo in &found.photos {
                 files.digests[photo.view] = files.digests[photo.view].or(photo.digest);
             }
@@ -142,7 +137,7 @@ impl ScenePhotos {
         LoadedShot { shot, photos }: &'a LoadedShot,
     ) -> Result<PhotosWithDepth<'a>, SynthesisError> {
         self.find_all(&shot.held_out, &shot.photos().collect::<Vec<_>>())?;
-        let depth = with_held_out(&mut self.depths.depth, &self.views, &shot.held_out)?;
+        let depth = with_held_out(&mut self.depth, &self.views, &shot.held_out)?;
         let photos = photos.iter().map(|photo| (depth.map_index(photo.view), photo.source())).collect();
         Ok(PhotosWithDepth { photos, maps: &mut depth.maps, rendered_from: shot.views.len(), searched: 1.0 })
     }
@@ -165,33 +160,33 @@ impl ScenePhotos {
         held_out: &[usize],
         later: &[usize],
     ) -> Result<ViewDepth, SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let wanted = depth.with_neighbours(view);
         self.find_all(held_out, &wanted)?;
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let index = depth.map_index(view);
         let (source, time) = depth.sources[index];
         let (found, confirmed) = depth.maps.confirmed_by_neighbours(index).expect("found just now");
         let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
-        let mut spare = self.retention.bytes;
+        let mut spare = self.kept_bytes;
         let mut fits = |bytes: usize| spare.checked_sub(bytes).inspect(|&rest| spare = rest).is_some();
         let others = (0..self.views.scene().views.len()).filter(|view| !needed.contains(view));
         let kept = others.filter(|&view| fits(depth.bytes(view))).chain(needed.iter().copied()).collect::<Vec<_>>();
         depth.retain(&kept, &needed);
         let unknown = needed.iter().filter(|&&view| depth.found(view).is_none());
         let searched: Vec<usize> = unknown.flat_map(|&view| depth.with_neighbours(view)).collect();
-        self.photos.retain(|view| searched.contains(&view));
+        self.retain_photos(|view| searched.contains(&view));
         Ok(found)
     }
 
     /// Finds the depth of these views' photos where it is unknown.
     fn find_all(&mut self, held_out: &[usize], wanted: &[usize]) -> Result<(), SynthesisError> {
-        let depth = with_held_out(&mut self.depths.depth, &self.views, held_out)?;
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.found(view).is_none()).collect();
         for (done, &view) in unknown.iter().enumerate() {
             let next = DepthProgress { name: &self.views.scene().views[view].name, done, count: unknown.len() };
-            if self.depths.progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
+            if self.progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
                 return Err(SynthesisError::Cancelled);
             }
             if let Some(search) = self.search(view, held_out, &[])? {
@@ -200,4 +195,124 @@ impl ScenePhotos {
         }
         Ok(())
     }
+}
+
+/// How the depth of a photo was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum DepthSource {
+    /// Searched among the photo's neighbours.
+    Searched,
+    /// Read from the folder of [`crate::ScenePhotos::keep_depths_in`].
+    Kept,
+    /// There is no other photo to search it with: nothing is confirmed.
+    Alone,
+}
+
+/// The depth of a view's photo.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ViewDepth {
+    /// What the search found.
+    pub found: Arc<PhotoDepth>,
+    /// Of that, what the depths of the photo's neighbours confirm.
+    pub confirmed: ConfirmedDepth,
+    /// Nearest and farthest depth searched, scene units.
+    pub range: (f64, f64),
+    /// How it was found.
+    pub source: DepthSource,
+    /// Wall time of that, without loading photos and taking their digests.
+    pub time: Duration,
+}
+
+/// The next photo whose depth is searched ([`crate::ScenePhotos::on_depth_search`]).
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub struct DepthProgress<'a> {
+    /// The name of its view.
+    pub name: &'a str,
+    /// How many photos have been searched before it, of those that are needed now.
+    pub done: usize,
+    /// How many are needed now.
+    pub count: usize,
+}
+
+/// Depth maps of the views that are not held out.
+pub(crate) struct SceneDepth {
+    pub(crate) maps: DepthMaps,
+    /// What searches share.
+    pub(crate) small_maps: Arc<SmallMaps>,
+    /// Views of the maps' photos.
+    free: Vec<usize>,
+    pub(crate) held_out: Vec<usize>,
+    /// How the depth of each of them was found, and in what time.
+    pub(crate) sources: Vec<(DepthSource, Duration)>,
+}
+
+impl SceneDepth {
+    /// Of the views that are not held out; no depth is known yet.
+    pub(crate) fn new(views: &SceneViews, held_out: &[usize]) -> Result<Self, SynthesisError> {
+        let free = views.all_but(held_out);
+        let (near, far) = views.depth_range(&free, held_out)?;
+        let maps = DepthMaps::new(views.cameras(&free).cloned().collect(), near, far);
+        let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
+        Ok(Self { maps, small_maps: Arc::default(), free, held_out: held_out.to_vec(), sources })
+    }
+
+    /// Index of a view's photo among the maps'.
+    fn map_index(&self, view: usize) -> usize {
+        self.find_map_index(view).expect("a view that is not held out")
+    }
+
+    fn find_map_index(&self, view: usize) -> Option<usize> {
+        self.free.iter().position(|&free| free == view)
+    }
+
+    /// A view and those whose photos its own is matched with, nearest first.
+    fn with_neighbours(&self, view: usize) -> Vec<usize> {
+        let neighbours = self.maps.neighbours(self.map_index(view)).into_iter().map(|index| self.free[index]);
+        std::iter::once(view).chain(neighbours).collect()
+    }
+
+    /// The depth of a view's photo, if it is known.
+    pub(crate) fn found(&self, view: usize) -> Option<&PhotoDepth> {
+        self.maps.get(self.map_index(view))
+    }
+
+    /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
+    pub(crate) fn retain(&mut self, views: &[usize], soon: &[usize]) {
+        let indices = |views: &[usize]| views.iter().filter_map(|&view| self.find_map_index(view)).collect::<Vec<_>>();
+        let (keep, soon) = (indices(views), indices(soon));
+        self.maps.retain(&keep, &soon);
+    }
+
+    /// Bytes of the depth of a view's photo; 0 if it is unknown.
+    pub(crate) fn bytes(&self, view: usize) -> usize {
+        let found = self.find_map_index(view).and_then(|index| self.maps.get(index));
+        found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
+    }
+}
+
+/// Called before each search; returning `Break` ends it.
+pub(crate) type OnSearch = Box<dyn FnMut(DepthProgress<'_>) -> ControlFlow<()> + Send>;
+
+/// A folder of depths, with the digests of photos and what went wrong with its files.
+pub(crate) struct DepthFiles {
+    folder: DepthCache,
+    /// Of each view's photo, once it has been loaded.
+    digests: Vec<Option<PhotoDigest>>,
+    notes: Vec<String>,
+}
+
+/// The depths with these views held out: those in memory, or none yet.
+fn with_held_out<'a>(
+    depth: &'a mut Option<SceneDepth>,
+    views: &SceneViews,
+    held_out: &[usize],
+) -> Result<&'a mut SceneDepth, SynthesisError> {
+    *depth = match depth.take().filter(|depth| depth.held_out == held_out) {
+        None => Some(SceneDepth::new(views, held_out)?),
+        known => known,
+    };
+    Ok(depth.as_mut().expect("set just now"))
 }
