@@ -20,7 +20,7 @@
 //! The archive's checksums cover every byte of the arrays.
 
 use std::error::Error;
-use std::io::{Cursor, Read, Seek, Write};
+use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::{fmt, io};
 
@@ -34,7 +34,7 @@ use crate::aggregate::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
 use crate::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
 use liveview::geometry::{Camera, Intrinsics, MAX_SIDE, Size};
 use liveview::warp::Texture;
-use liveview_files::atomic::{AtomicFile, is_special};
+use liveview_files::atomic::{self, AtomicFile, is_special};
 use liveview_files::{bounded, npy};
 
 /// A folder of depth maps.
@@ -76,9 +76,8 @@ impl DepthCache {
         if is_special(&path) {
             return Err(unwritten(&"a pipe or a device; expected a regular file, or none"));
         }
-        let file = AtomicFile::create(&path).map_err(|error| unwritten(&error))?;
-        let file = write(file, key, depth).map_err(|error| unwritten(&root_cause(&error)))?;
-        file.finish().map_err(|error| unwritten(&error))
+        let bytes = write(key, depth).map_err(|error| unwritten(&root_cause(&error)))?;
+        atomic::write(&path, &bytes).map_err(|error| unwritten(&error))
     }
 }
 
@@ -188,12 +187,13 @@ fn max_bytes(key: &DepthKey) -> u64 {
     4 * key.size.pixels() as u64 + OVERHEAD
 }
 
-fn write<W: Write + Seek>(file: W, key: &DepthKey, depth: &PhotoDepth) -> Result<W, WriteNpzError> {
-    let mut arrays = NpzWriter::new(file);
+/// The bytes of the file of a depth.
+fn write(key: &DepthKey, depth: &PhotoDepth) -> Result<Vec<u8>, WriteNpzError> {
+    let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
     arrays.add_array("key", &ArrayView1::from(&key.digest))?;
     arrays.add_array("pixel", &aview0(&depth.disparity_per_pixel))?;
     arrays.add_array("disparity", &depth.disparity)?;
-    arrays.finish()
+    Ok(arrays.finish()?.into_inner())
 }
 
 /// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by

@@ -28,17 +28,17 @@ const KEPT_VOTES: usize = 64 << 20;
 #[derive(Debug, Clone)]
 pub struct DepthMaps {
     cameras: Vec<Camera>,
-    near: f64,
-    far: f64,
+    /// Nearest and farthest depth searched, scene units.
+    range: (f64, f64),
     maps: Vec<Option<Arc<PhotoDepth>>>,
     votes: KeptVotes,
     /// Depths that the maps of the last set confirmed among each other, with the colours that its photos
     /// had then.
     confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
     /// Mean share of the pixels of that set which are confirmed.
-    confirmed_share: f64,
+    pub(crate) confirmed_share: f64,
     /// Of the photos of that set.
-    statistics: PairStatistics,
+    pub(crate) statistics: PairStatistics,
 }
 
 impl DepthMaps {
@@ -48,8 +48,7 @@ impl DepthMaps {
         let maps = vec![None; cameras.len()];
         Self {
             cameras,
-            near,
-            far,
+            range: (near, far),
             maps,
             votes: KeptVotes::default(),
             confirmed: None,
@@ -60,7 +59,7 @@ impl DepthMaps {
 
     /// Nearest and farthest depth searched, scene units.
     pub fn range(&self) -> (f64, f64) {
-        (self.near, self.far)
+        self.range
     }
 
     /// Photos that photo `index` is matched with, nearest first (ties: the earlier).
@@ -152,17 +151,6 @@ impl DepthMaps {
         let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
         let confirmed = |which: usize| (set[which], confirmed_by(map(which), others(which)));
         (0..found.len()).into_par_iter().map(confirmed).collect()
-    }
-
-    /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that
-    /// are confirmed.
-    pub(crate) fn confirmed_share(&self) -> f64 {
-        self.confirmed_share
-    }
-
-    /// Statistics of pairs of the last set passed to [`Self::mutually_confirmed`].
-    pub(crate) fn statistics(&mut self) -> &mut PairStatistics {
-        &mut self.statistics
     }
 
     /// Where the maps of `others` confirm that of photo `index`, which is not missing.

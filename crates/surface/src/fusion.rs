@@ -90,11 +90,6 @@ impl Surface {
         };
         Layers::pixels((0..count).map(layer).collect())
     }
-
-    /// How much nearer than a point a view's own depth must be to hide it, 1/scene unit.
-    pub fn occlusion_margin(&self) -> f32 {
-        OCCLUSION_MARGIN_PX * self.disparity_per_pixel
-    }
 }
 
 /// Finds the surface of `target` from these photos, nearest first (at least one), from near to far

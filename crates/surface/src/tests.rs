@@ -328,7 +328,7 @@ fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
     let mut maps = rig.maps();
     let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default(), true);
     let (near, far) = found.seen_range(RANGE);
-    let pixel = f64::from(found.surface().disparity_per_pixel);
+    let pixel = f64::from(found.surface.disparity_per_pixel);
     assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
     assert!((WALL - 4.0 * pixel..WALL).contains(&(1.0 / far)), "{far}");
     assert_eq!(found.seen_range((3.0, 4.0)), (3.0, 4.0), "never beyond the range");
@@ -379,16 +379,16 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
         let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
         photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
         let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
-        found.corrections().to_vec()
+        found.corrections
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
         let mut fresh = maps.clone();
-        *fresh.statistics() = Default::default();
+        fresh.statistics = Default::default();
         let (found, expected) = (find(&mut maps, x, second), find(&mut fresh, x, second));
         assert_eq!(found, expected, "{x}");
-        let kept = maps.statistics().sharpness.len();
+        let kept = maps.statistics.sharpness.len();
         find(&mut maps, x + 0.01, second);
-        assert_eq!(maps.statistics().sharpness.len(), kept, "another target computes nothing again");
+        assert_eq!(maps.statistics.sharpness.len(), kept, "another target computes nothing again");
     }
-    assert_eq!(maps.statistics().gains.len(), 3, "statistics of a changed photo are dropped");
+    assert_eq!(maps.statistics.gains.len(), 3, "statistics of a changed photo are dropped");
 }

@@ -146,8 +146,8 @@ pub fn find_layers<'a, E: From<LayersError>>(
             let PhotosWithDepth { maps, photos, rendered_from, searched } = photos;
             let (correction, searches_holes) = (frame.photo_correction, frame.searches_holes);
             let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, correction, searches_holes);
-            let layers = surface.layers(count)?;
-            let (source, corrections) = (LayerSource::propagated(searched), surface.corrections().to_vec());
+            let layers = surface.surface.layers(count)?;
+            let (source, corrections) = (LayerSource::propagated(searched), surface.corrections.clone());
             Plan { source, corrections, surface: Some(surface), ..Plan::known(layers) }
         }
     })

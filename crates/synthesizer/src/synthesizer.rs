@@ -250,7 +250,8 @@ impl Synthesizer {
             return Ok((photo_corrections(maps, &photos, rendered_from, target, correction), range));
         }
         let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction, self.searches_holes);
-        Ok((surface.corrections().to_vec(), surface.seen_range(range)))
+        let seen = surface.seen_range(range);
+        Ok((surface.corrections, seen))
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best

@@ -6,10 +6,10 @@ mod wheel;
 use std::path::Path;
 
 use liveview::geometry::{Camera, choose_views};
-use liveview::layers::{Layers, padded};
+use liveview::layers::Layers;
 use liveview::network::{Alpha, ExecutionProvider, NetworkError, OrtNetwork, PlaneNetwork};
 use liveview::render::{Frame, RenderRequest, Renderer};
-use liveview::warp::{SourceView, Texture, warp_sources};
+use liveview::warp::{SourceView, Texture};
 use liveview_scene::{Scene, SceneOptions};
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use ndarray::{ArrayView4, ArrayViewMut4, Axis};

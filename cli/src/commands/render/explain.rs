@@ -131,7 +131,7 @@ fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<
 
 /// The surface, and the share of it that no photo's depth gives.
 fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
-    let holes = target_surface.surface().holes;
+    let holes = target_surface.surface.holes;
     let occluded = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(
         text,
@@ -143,7 +143,7 @@ fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut Str
     json["surface"] = json!({ "holes": holes, "occluded_share": occluded });
     let Shot { near, far, target, .. } = about.shot;
     let part = s![..target.height(), ..target.width()];
-    coloured(target_surface.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+    coloured(target_surface.surface.disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
 }
 
 /// Exposure gains and sharpening of the views, in their order.

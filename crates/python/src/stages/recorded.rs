@@ -144,5 +144,5 @@ pub(super) fn put_depths(depths: Vec<ViewDepth>, plan: &Plan, arrays: &Bound<'_,
     for (index, used) in surface.visibility().disparities.into_iter().enumerate() {
         arrays.set_item(format!("used{index}"), used.clone().into_pyarray(py))?;
     }
-    arrays.set_item("surface", surface.surface().disparity.clone().into_pyarray(py))
+    arrays.set_item("surface", surface.surface.disparity.clone().into_pyarray(py))
 }
