@@ -37,7 +37,7 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, model.open_for(given.as_ref())?);
-        job.synthesizer.set_photo_correction(layers.photo_correction());
+        job.synthesizer.photo_correction = layers.photo_correction();
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
             let (folder, layers) = (folder.display(), job.layers());
             print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));

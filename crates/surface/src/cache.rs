@@ -20,6 +20,7 @@
 //! The archive's checksums cover every byte of the arrays.
 
 use std::error::Error;
+use std::fmt::Display;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::{fmt, io};
@@ -163,15 +164,8 @@ const MAX_PARALLAX: f64 = 1024.0 * MAX_SIDE as f64;
 const OVERHEAD: u64 = 4096;
 
 /// What is wrong with a file.
-#[derive(Debug, PartialEq, thiserror::Error)]
-#[error("{what}; expected {expected}")]
-struct Damage {
-    what: String,
-    expected: String,
-}
-
-fn damage(what: impl Into<String>, expected: impl Into<String>) -> Damage {
-    Damage { what: what.into(), expected: expected.into() }
+fn damage(what: impl Display, expected: impl Display) -> String {
+    format!("{what}; expected {expected}")
 }
 
 /// The text of the error's root cause: the error of an archive may only say "i/o error".
@@ -198,7 +192,7 @@ fn write(key: &DepthKey, depth: &PhotoDepth) -> Result<Vec<u8>, WriteNpzError> {
 
 /// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by
 /// the key.
-fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, Damage> {
+fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, String> {
     let broken = |error| damage(format!("no archive: {}", root_cause(&error)), "a complete .npz file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
     if archive.len() != 3 {
@@ -225,7 +219,7 @@ fn array<T: ViewElement + Clone, D: Dimension>(
     name: &str,
     expected: &str,
     size: usize,
-) -> Result<Array<T, D>, Damage> {
+) -> Result<Array<T, D>, String> {
     let wrong = |what: String| damage(format!("{name}: {what}"), expected);
     let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| wrong(root_cause(&error)))?;
     let (limit, mut bytes) = (size as u64 + OVERHEAD, Vec::new());
@@ -237,7 +231,7 @@ fn array<T: ViewElement + Clone, D: Dimension>(
 }
 
 /// Refuses values that no search can have found.
-fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), Damage> {
+fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), String> {
     let (nearest, farthest) = (1.0 / key.near, 1.0 / key.far);
     let pixel = depth.disparity_per_pixel;
     // The search counts at least one pixel of parallax between near and far.

@@ -24,10 +24,12 @@ pub const EXTRA_PHOTOS: usize = 2;
 /// Bytes of votes that stay beyond those that are needed soon.
 const KEPT_VOTES: usize = 64 << 20;
 
-/// Depth maps of some photos of a scene; only these take part: a held-out photo is not among them.
+/// Depth maps of the photos of a scene.
 #[derive(Debug, Clone)]
 pub struct DepthMaps {
     cameras: Vec<Camera>,
+    /// Indices of photos that take no part.
+    pub held_out: Vec<usize>,
     /// Nearest and farthest depth searched, scene units.
     range: (f64, f64),
     maps: Vec<Option<Arc<PhotoDepth>>>,
@@ -48,6 +50,7 @@ impl DepthMaps {
         let maps = vec![None; cameras.len()];
         Self {
             cameras,
+            held_out: Vec::new(),
             range: (near, far),
             maps,
             votes: KeptVotes::default(),
@@ -66,7 +69,7 @@ impl DepthMaps {
     pub fn neighbours(&self, index: usize) -> Vec<usize> {
         let cameras: Vec<&Camera> = self.cameras.iter().collect();
         let mut photos = facing_alike(&cameras, &self.cameras[index]);
-        photos.retain(|&photo| photo != index);
+        photos.retain(|photo| *photo != index && !self.held_out.contains(photo));
         photos.truncate(NEIGHBOURS);
         photos
     }

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use crate::depth_search::SearchedPhoto;
 use crate::{DepthSearch, FoundDepth, LoadedShot, PhotosWithDepth, ScenePhotos, SceneViews, Shot, SynthesisError};
+use liveview::Camera;
 use liveview_surface::cache::{DepthCache, PhotoDigest};
 use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
 
@@ -49,8 +50,8 @@ impl ScenePhotos {
     /// The views of a shot whose photos' depth is not known: rendering it along the surface searches
     /// them.
     pub fn unknown_depths(&self, shot: &Shot) -> Vec<usize> {
-        let known = self.depth.as_ref().filter(|depth| depth.held_out == shot.held_out);
-        shot.photos().filter(|&view| known.is_none_or(|depth| depth.found(view).is_none())).collect()
+        let known = self.depth.as_ref().filter(|depth| depth.maps.held_out == shot.held_out);
+        shot.photos().filter(|&view| known.is_none_or(|depth| depth.maps.get(view).is_none())).collect()
     }
 
     /// The search for the depth of a view's photo, to be run on another thread while pictures are
@@ -78,14 +79,13 @@ impl ScenePhotos {
         compared: &[usize],
     ) -> Result<Option<DepthSearch>, SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
-        if depth.found(view).is_some() {
+        if depth.maps.get(view).is_some() {
             return Ok(None);
         }
         let group = depth.with_neighbours(view);
         let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
         let all = searched.iter().flatten().copied();
         let further: BTreeSet<usize> = all.filter(|view| !group.contains(view)).collect();
-        let compared: Vec<usize> = compared.iter().filter_map(|&view| depth.find_map_index(view)).collect();
         let files = self.files.as_ref();
         let photo = |&view: &usize| SearchedPhoto {
             view,
@@ -99,7 +99,7 @@ impl ScenePhotos {
             further: further.iter().map(photo).collect(),
             searched,
             range: depth.maps.range(),
-            comparison: depth.maps.comparison(depth.map_index(view), &compared),
+            comparison: depth.maps.comparison(view, compared),
             small_maps: Arc::clone(&depth.small_maps),
             folder: files.map(|files| files.folder.clone()),
         }))
@@ -108,10 +108,9 @@ impl ScenePhotos {
     /// Takes what a search found, unless other views are held out now.
     pub fn insert_depth(&mut self, found: FoundDepth) {
         let held_out = &found.held_out;
-        let Some(depth) = self.depth.as_mut().filter(|depth| depth.held_out == *held_out) else { return };
-        let index = depth.map_index(found.view());
-        depth.maps.insert_compared(index, found.depth, found.votes);
-        depth.sources[index] = (found.source, found.time);
+        let Some(depth) = self.depth.as_mut().filter(|depth| depth.maps.held_out == *held_out) else { return };
+        depth.sources[found.view()] = (found.source, found.time);
+        depth.maps.insert_compared(found.view(), found.depth, found.votes);
         for photo in &found.photos {
             if let Some(texture) = &photo.texture {
                 self.textures[photo.view].get_or_insert_with(|| Arc::clone(texture));
@@ -138,7 +137,7 @@ impl ScenePhotos {
     ) -> Result<PhotosWithDepth<'a>, SynthesisError> {
         self.find_all(&shot.held_out, &shot.photos().collect::<Vec<_>>())?;
         let depth = with_held_out(&mut self.depth, &self.views, &shot.held_out)?;
-        let photos = photos.iter().map(|photo| (depth.map_index(photo.view), photo.source())).collect();
+        let photos = photos.iter().map(|photo| (photo.view, photo.source())).collect();
         Ok(PhotosWithDepth { photos, maps: &mut depth.maps, rendered_from: shot.views.len(), searched: 1.0 })
     }
 
@@ -164,17 +163,16 @@ impl ScenePhotos {
         let wanted = depth.with_neighbours(view);
         self.find_all(held_out, &wanted)?;
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
-        let index = depth.map_index(view);
-        let (source, time) = depth.sources[index];
-        let (found, confirmed) = depth.maps.confirmed_by_neighbours(index).expect("found just now");
+        let (source, time) = depth.sources[view];
+        let (found, confirmed) = depth.maps.confirmed_by_neighbours(view).expect("found just now");
         let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
         let mut spare = self.kept_bytes;
         let mut fits = |bytes: usize| spare.checked_sub(bytes).inspect(|&rest| spare = rest).is_some();
         let others = (0..self.views.scene().views.len()).filter(|view| !needed.contains(view));
         let kept = others.filter(|&view| fits(depth.bytes(view))).chain(needed.iter().copied()).collect::<Vec<_>>();
-        depth.retain(&kept, &needed);
-        let unknown = needed.iter().filter(|&&view| depth.found(view).is_none());
+        depth.maps.retain(&kept, &needed);
+        let unknown = needed.iter().filter(|&&view| depth.maps.get(view).is_none());
         let searched: Vec<usize> = unknown.flat_map(|&view| depth.with_neighbours(view)).collect();
         self.retain_photos(|view| searched.contains(&view));
         Ok(found)
@@ -183,7 +181,7 @@ impl ScenePhotos {
     /// Finds the depth of these views' photos where it is unknown.
     fn find_all(&mut self, held_out: &[usize], wanted: &[usize]) -> Result<(), SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
-        let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.found(view).is_none()).collect();
+        let unknown: Vec<usize> = wanted.iter().copied().filter(|&view| depth.maps.get(view).is_none()).collect();
         for (done, &view) in unknown.iter().enumerate() {
             let next = DepthProgress { name: &self.views.scene().views[view].name, done, count: unknown.len() };
             if self.progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
@@ -237,58 +235,35 @@ pub struct DepthProgress<'a> {
     pub count: usize,
 }
 
-/// Depth maps of the views that are not held out.
+/// The depth of a scene's photos, by view, of those that are not held out.
 pub(crate) struct SceneDepth {
     pub(crate) maps: DepthMaps,
     /// What searches share.
-    pub(crate) small_maps: Arc<SmallMaps>,
-    /// Views of the maps' photos.
-    free: Vec<usize>,
-    pub(crate) held_out: Vec<usize>,
-    /// How the depth of each of them was found, and in what time.
-    pub(crate) sources: Vec<(DepthSource, Duration)>,
+    small_maps: Arc<SmallMaps>,
+    /// How each depth was found, and in what time.
+    sources: Vec<(DepthSource, Duration)>,
 }
 
 impl SceneDepth {
-    /// Of the views that are not held out; no depth is known yet.
-    pub(crate) fn new(views: &SceneViews, held_out: &[usize]) -> Result<Self, SynthesisError> {
-        let free = views.all_but(held_out);
-        let (near, far) = views.depth_range(&free, held_out)?;
-        let maps = DepthMaps::new(views.cameras(&free).cloned().collect(), near, far);
-        let sources = vec![(DepthSource::Alone, Duration::ZERO); free.len()];
-        Ok(Self { maps, small_maps: Arc::default(), free, held_out: held_out.to_vec(), sources })
-    }
-
-    /// Index of a view's photo among the maps'.
-    fn map_index(&self, view: usize) -> usize {
-        self.find_map_index(view).expect("a view that is not held out")
-    }
-
-    fn find_map_index(&self, view: usize) -> Option<usize> {
-        self.free.iter().position(|&free| free == view)
+    /// With these views held out; no depth is known yet.
+    fn new(views: &SceneViews, held_out: &[usize]) -> Result<Self, SynthesisError> {
+        let (near, far) = views.depth_range(&views.all_but(held_out), held_out)?;
+        let cameras: Vec<Camera> = views.all_cameras().into_iter().cloned().collect();
+        let sources = vec![(DepthSource::Alone, Duration::ZERO); cameras.len()];
+        let mut maps = DepthMaps::new(cameras, near, far);
+        maps.held_out = held_out.to_vec();
+        Ok(Self { maps, small_maps: Arc::default(), sources })
     }
 
     /// A view and those whose photos its own is matched with, nearest first.
     fn with_neighbours(&self, view: usize) -> Vec<usize> {
-        let neighbours = self.maps.neighbours(self.map_index(view)).into_iter().map(|index| self.free[index]);
-        std::iter::once(view).chain(neighbours).collect()
-    }
-
-    /// The depth of a view's photo, if it is known.
-    pub(crate) fn found(&self, view: usize) -> Option<&PhotoDepth> {
-        self.maps.get(self.map_index(view))
-    }
-
-    /// Drops the depth of all views but these, and what confirms it unless it is needed `soon`.
-    pub(crate) fn retain(&mut self, views: &[usize], soon: &[usize]) {
-        let indices = |views: &[usize]| views.iter().filter_map(|&view| self.find_map_index(view)).collect::<Vec<_>>();
-        let (keep, soon) = (indices(views), indices(soon));
-        self.maps.retain(&keep, &soon);
+        assert!(!self.maps.held_out.contains(&view), "a view that is not held out");
+        std::iter::once(view).chain(self.maps.neighbours(view)).collect()
     }
 
     /// Bytes of the depth of a view's photo; 0 if it is unknown.
     pub(crate) fn bytes(&self, view: usize) -> usize {
-        let found = self.find_map_index(view).and_then(|index| self.maps.get(index));
+        let found = self.maps.get(view);
         found.map_or(0, |found| size_of_val(found.disparity.as_slice().expect("standard order")))
     }
 }
@@ -310,7 +285,7 @@ fn with_held_out<'a>(
     views: &SceneViews,
     held_out: &[usize],
 ) -> Result<&'a mut SceneDepth, SynthesisError> {
-    *depth = match depth.take().filter(|depth| depth.held_out == held_out) {
+    *depth = match depth.take().filter(|depth| depth.maps.held_out == held_out) {
         None => Some(SceneDepth::new(views, held_out)?),
         known => known,
     };

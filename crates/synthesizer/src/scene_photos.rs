@@ -106,7 +106,7 @@ impl ScenePhotos {
         let kept = order.iter().enumerate().filter(|&(rank, &view)| rank < soon || fits(self.depth_bytes(view)));
         let kept: Vec<usize> = kept.map(|(_, &view)| view).collect();
         if let Some(depth) = &mut self.depth {
-            depth.retain(&kept, &order[..soon]);
+            depth.maps.retain(&kept, &order[..soon]);
         }
         let ever = order[..ever].iter().enumerate();
         let kept = ever.filter(|&(rank, &view)| rank < soon || fits(self.photo_bytes(view)));

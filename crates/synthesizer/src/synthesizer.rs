@@ -20,8 +20,12 @@ pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
     layers: LayerSpec,
-    photo_correction: PhotoCorrection,
-    searches_holes: bool,
+    /// Which differences between photos are corrected, for surface layers and for planes. With
+    /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
+    pub photo_correction: PhotoCorrection,
+    /// Whether the holes of surfaces, where they are more than 5 %, are searched at the target. Pictures in
+    /// motion may do without.
+    pub searches_holes: bool,
     run_end: Option<RunEnd>,
 }
 
@@ -62,19 +66,6 @@ impl Synthesizer {
             searches_holes: true,
             run_end: None,
         }
-    }
-
-    /// Sets which differences between photos are corrected, for surface layers and for planes. With
-    /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
-    pub fn set_photo_correction(&mut self, photo_correction: PhotoCorrection) {
-        self.photo_correction = photo_correction;
-    }
-
-    /// Sets whether the holes of surfaces, where they are more than 5 %, are searched at the target, as
-    /// they are by default. Pictures in motion may do without: a frame of 270×480 pixels takes 60 ms in
-    /// place of 180 (two threads).
-    pub fn set_hole_search(&mut self, searches_holes: bool) {
-        self.searches_holes = searches_holes;
     }
 
     /// The scene.
@@ -175,7 +166,7 @@ impl Synthesizer {
     }
 
     /// Whether it needs the depth of the photos: for surface layers, and for planes unless photos stay
-    /// as they are ([`Self::set_photo_correction`]); guided layers do without.
+    /// as they are ([`Self::photo_correction`]); guided layers do without.
     pub fn uses_depth(&self) -> bool {
         match &self.layers {
             LayerSpec::Guided { .. } => false,

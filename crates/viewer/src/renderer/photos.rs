@@ -139,9 +139,9 @@ impl Source for Photos {
     }
 
     fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        self.synthesizer.set_hole_search(false);
+        self.synthesizer.searches_holes = false;
         let rendered = self.render(&viewpoint.camera, self.motion_layers.clone());
-        self.synthesizer.set_hole_search(true);
+        self.synthesizer.searches_holes = true;
         rendered
     }
 
