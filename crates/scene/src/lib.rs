@@ -169,7 +169,7 @@ impl Scene {
 
     /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
     /// divides folders, as in paths. The depth range is found from the photos, or given with the
-    /// scene ([`SceneViews::new`](crate::SceneViews::new), [`View::depth_range`]).
+    /// scene ([`View::depth_range`]).
     ///
     /// # Errors
     ///

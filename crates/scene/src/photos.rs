@@ -1,18 +1,13 @@
-//! The source of a scene's photos: which photos exist, their sizes, their pixels.
+//! The photos of a scene: which exist, their sizes, their pixels; in its folder or from any other source; and
+//! how the entries of a pose file are matched with them.
 //!
 //! A scene's poses are read from files; its photos need not be. [`Scene::open`](crate::Scene::open)
-//! uses [`PhotoFolder`](crate::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
+//! uses [`PhotoFolder`]. For photos from elsewhere (the frames of a camera rig,
 //! an archive, memory), pass your own source to [`Scene::open_with`](crate::Scene::open_with).
 //!
-//! Photos as files in the scene folder.
-//!
-//! Photo files from an untrusted source: their memory is checked before it is allocated, and damaged JPEG
-//! data is refused.
-//!
+//! Files are not trusted: their memory is checked before it is allocated, and damaged JPEG data is refused.
 //! JPEG data has no checksum, and decoders make a picture of any data. A strict decoder refuses what it
 //! can see: undefined codes, too few or too many coefficients, data that ends early.
-//!
-//! Finds the photos that a pose file names.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fmt::Debug;

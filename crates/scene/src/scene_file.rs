@@ -1,8 +1,5 @@
-//! Reads pose files, and checks the photo names they hold.
-//!
-//! Reads fields of a JSON scene file; errors name the file and the field.
-//!
-//! Notes that say that masks are not used.
+//! Reads pose files, checks the photo names they hold, and reads the fields of JSON; errors name the file and
+//! the field.
 
 use std::path::{Component, Path};
 

@@ -1,7 +1,5 @@
 //! A posed photo, made from what a format declares: intrinsics scaled to the photo's size and to
-//! `--width`, the depth range checked.
-//!
-//! Finds views by name.
+//! `--width`, the depth range checked. Views are found by name.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -45,7 +43,7 @@ const ASPECT_TOLERANCE: f64 = 0.01;
 pub struct View {
     /// The photo's path relative to the folder that all photos share: usually its file name.
     pub name: String,
-    /// The camera, at the size of the image that [`Scene::load_image`](super::Scene::load_image)
+    /// The camera, at the size of the image that [`Scene::load_image`](crate::Scene::load_image)
     /// returns.
     pub camera: Camera,
     /// Near and far depth in scene units, if the format has them; 0 < near < far.
@@ -68,7 +66,7 @@ impl View {
         &self.native
     }
 
-    /// The model of the lens distortion that [`Scene::load_image`](super::Scene::load_image) removes,
+    /// The model of the lens distortion that [`Scene::load_image`](crate::Scene::load_image) removes,
     /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
     /// pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {

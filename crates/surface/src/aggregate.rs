@@ -12,11 +12,6 @@
 //! that only fill the last segment beyond the grid's end take part in the paths and are never
 //! chosen). Where its two neighbours are candidates too it moves to the vertex of the parabola
 //! through the three sums: by (a − c) / (2·(a − 2b + c)). Integers (u16); the parabola is in f32.
-//!
-//! One step of a path of semi-global aggregation: the recursion of [`super::aggregate`].
-//!
-//! Penalties of semi-global aggregation for a change of index along a path: P1 and P2 of
-//! [`super::aggregate`].
 
 use rayon::prelude::*;
 

@@ -3,25 +3,19 @@
 //!
 //! 1. The photo and its neighbours are one group. Each has a map at a small size, on cells of 4×4
 //!    pixels, searched among its own neighbours: it depends on that photo alone and serves the searches
-//!    of all photos around it ([`super::small_maps`]). Of many planes only those around what a search on
-//!    cells of 8×8 pixels found are searched ([`super::search`]). What the others of the group confirm
-//!    of a map is kept ([`super::fusion`], with two pixels of parallax for one).
+//!    of all photos around it ([`SmallMaps`]). Of many planes only those around what a search on cells of
+//!    8×8 pixels found are searched ([`crate::grid`]). What the others of the group confirm of a map is
+//!    kept ([`crate::consistency`], with two pixels of parallax for one).
 //! 2. The first search of the photo, on cells of 2×2 pixels, around its map of step 1. A cell is kept
 //!    where the group's maps confirm it, and where they confirm more than a third of the 31×31 cells
 //!    around it: holes in places with texture are occluded, thin or at an edge, and their own costs know
 //!    more than their surroundings.
 //! 3. Anchors: the kept cell's own depth where it is confirmed; elsewhere the group's confirmed depths
 //!    splatted to the photo, but not where these differ by more than 20 px within 3×3 cells.
-//! 4. The cells that are not kept are searched again with the anchors ([`super::search::anchors`]), then
-//!    the whole photo around the result ([`mod@super::search::photo_depth`]).
+//! 4. The cells that are not kept are searched again with the anchors ([`Anchors`]), then the whole
+//!    photo around the result ([`mod@crate::photo_depth`]).
 //!
-//! px is the photo's disparity per pixel. Mean of fourteen ordinary scenes 26.02 → 26.2 dB
-//! (docs/design-log/ordinary-scenes.md).
-//!
-//! Maps of photos at a small size ([`mod@super::anchored_depth`]): each photo is searched once among its
-//! neighbours, whichever photo's search needs its map. A picture of a scene of 50 photos takes 0.63 of
-//! the processor time that it took when each photo was searched once in every group
-//! (docs/design-log/speed.md).
+//! px is the photo's disparity per pixel (docs/design-log/ordinary-scenes.md, speed.md).
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::convert::Infallible;

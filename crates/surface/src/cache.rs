@@ -1,19 +1,23 @@
-//! A folder of depth maps.
+//! Depth maps of photos stored in a folder, so that a later run reads them instead of searching.
 //!
-//! Everything that a photo's depth depends on, as a digest.
+//! Each depth map is a separate file, named by a digest of everything that the depth depends on
+//! ([`DepthKey`]): a file under the right name is never outdated, scenes share a
+//! folder, and any file may be deleted at any time. A file gets its name only when it is complete,
+//! so several processes may share a folder: where two find the same depth the last file wins, and
+//! both are identical. A held-out photo is part of no key, as it is no photo's neighbour.
 //!
-//! SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's
+//! The digest is the SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's
 //! version, the CPU's architecture and vector instructions, which round differently (each text
 //! after its length in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near
 //! and far (f64); the number of photos in the list (u64); and for each of them its size (two u64), fx,
 //! fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`]. The list: the photo and
 //! its neighbours, nearest first; then each neighbour and its own.
 //!
-//! The depth of a photo as a file: `<digest>.npz`, a zip archive of uncompressed numpy arrays.
+//! The file is `<digest>.npz`, a zip archive of uncompressed numpy arrays.
 //!
 //! | array | type, shape | |
 //! |---|---|---|
-//! | `key` | uint8 `[32]` | digest of the search's input ([`super::key`]); its hexadecimal form is the file's name |
+//! | `key` | uint8 `[32]` | digest of the search's input ([`DepthKey`]); its hexadecimal form is the file's name |
 //! | `pixel` | float32 `[]` | disparity per pixel of parallax, 1/scene unit |
 //! | `disparity` | float32 `[h, w]` | of each pixel, 1/scene unit; before other photos confirm it |
 //!

@@ -5,9 +5,8 @@
 //! colours, on a single layer: the carried surface. A search computes that cost on every one of its
 //! planes.
 //!
-//! Measured alternatives: docs/design-log/video.md.
-//!
-//! Dirty tiles: rectangles around the cells whose disparity no longer agrees with the photos.
+//! The regions searched again are those of dirty tiles: rectangles around the cells whose disparity no
+//! longer agrees with the photos. Measured alternatives: docs/design-log/video.md.
 
 use glam::DVec3;
 use ndarray::{Array2, ArrayView2, Axis, s};

@@ -1,4 +1,4 @@
-//! Which depths of a photo other photos confirm.
+//! What photos confirm of each other's depth, and which points of a surface a photo sees.
 //!
 //! A pixel of one map, projected into another photo, is compared with that photo's own depth at the
 //! pixel it falls on (floor of its coordinates; outside the photo there is no vote). The other map
@@ -7,15 +7,7 @@
 //! photo; px is the first photo's disparity per pixel. A depth is confirmed where at least one map
 //! agrees and no more contradict than agree.
 //!
-//! The depth of a photo where other photos confirm it.
-//!
-//! Which points of the target's surface a view sees, by the view's own confirmed depth, and which it
-//! sees past.
-//!
-//! Projection of the pixels of one camera's depth map into another camera, with their disparity
-//! there.
-//!
-//! For pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w),
+//! Projection of a pixel into another camera: for pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w),
 //! its disparity in the other camera δ/w, and it lies in front of that camera iff w > 0. In f64,
 //! rounded once.
 

@@ -1,7 +1,13 @@
-//! Gains that bring photos of different exposure or white balance to a common exposure between
-//! theirs: a factor per colour channel.
+//! Photos brought to the same exposure and sharpness, by the pixels in which they show the same point
+//! ([`correspondences`]). What is computed of a pair of photos does not depend on the target
+//! ([`PairStatistics`]).
 //!
-//! Over the photo's correspondences with the first photo ([`super::correspondences`]) whose channel
+//! # Exposure
+//!
+//! Gains bring photos of different exposure or white balance to a common exposure between theirs: a
+//! factor per colour channel.
+//!
+//! Over the photo's correspondences with the first photo whose channel
 //! lies in \[0.05, 0.95\] in both, the gain is the (upper) median of the first photo's value over
 //! the photo's. With fewer than 100 correspondences in any channel all gains of that photo are 1.
 //!
@@ -10,10 +16,12 @@
 //! and that changes smoothly along a path: gain i becomes gᵢ / Π gⱼ^wⱼ with wⱼ the share of photo j
 //! in Σ 1/dⱼ, dⱼ its distance from the target (1 for a photo at the target).
 //!
-//! How much to sharpen each photo before it is warped: bilinear sampling removes detail, and focus
+//! # Sharpness
+//!
+//! Each photo is sharpened before it is warped: bilinear sampling removes detail, and focus
 //! and motion blur differ between photos. Other photos of the same points show how much is missing.
 //!
-//! Where a photo corresponds to a pixel of another one ([`super::correspondences`]), let p be that
+//! Where a photo corresponds to a pixel of another one, let p be that
 //! pixel's colour at the photo's exposure, s the photo's own bilinear sample and d that of its
 //! detail 4t − (its four neighbours). The amount is the least squares solution of p ≈ s + a d,
 //! Σ d (p − s) / Σ d², over all channels and all other photos where |p − s| < 0.1; at least 0 (no
@@ -23,14 +31,7 @@
 //! The photo becomes t + a (4t − its four neighbours), clamped to \[0, 1\]; neighbours outside it
 //! are the pixel itself.
 //!
-//! Worth 0.14 dB and 0.002 of SSIM in the mean of the seven scenes of `make evaluate`;
-//! alternatives: docs/design-log/surface-layers.md.
-//!
-//! Pixels of two photos that show the same point, by the confirmed depth of both.
-//!
-//! Statistics of pairs of photos: relative exposure and missing sharpness. They do not depend on
-//! the target, so along a path they are computed once for a set of photos
-//! (docs/design-log/speed.md).
+//! Measured alternatives: docs/design-log/surface-layers.md.
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::Hash;
@@ -213,7 +214,7 @@ fn correspondences(view: &SurfaceView<'_>, other: &SurfaceView<'_>) -> Vec<Corre
 /// Two photos, by their textures' ids.
 type Pair = [u64; 2];
 
-/// Σ d (p − s), Σ d² and the number of correspondences ([`super::sharpness`]).
+/// Σ d (p − s), Σ d² and the number of correspondences.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DetailSums {
     product: f64,

@@ -1,7 +1,6 @@
-//! Depth maps of a scene's photos, and what they confirm of each other.
-//!
-//! Votes of the depth of photos on each other, from target to target: a viewpoint that comes back to
-//! photos that it has left finds them.
+//! Depth maps of a scene's photos, and what they confirm of each other. The votes of
+//! photos on each other are kept from target to target: a viewpoint that comes back to photos that it has
+//! left finds them.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;

@@ -1,22 +1,17 @@
 //! The target's surface: the confirmed depths of the photos, fused at the target, holes filled.
 //!
-//! 1. Splat of the confirmed depths ([`super::splat`]).
+//! 1. Splat of the confirmed depths ([`splat`]).
 //! 2. Holes: from their farthest neighbours inwards ([`fill_holes`]). Where holes are more than 5 %
-//!    of the target, it is searched among the first four views ([`super::target_search`]). What that
+//!    of the target, it is searched among the first four views ([`TargetSearch`]). What that
 //!    finds takes the place of the first, except where the first has the lower variance of the photos
-//!    that see it ([`super::photo_variance`]): below 0.9 of the other's − 1e-7
+//!    that see it ([`photo_variance`]): below 0.9 of the other's − 1e-7
 //!    (docs/design-log/ordinary-scenes.md).
 //! 3. 3×3 median.
 //!
 //! px is the target's disparity per pixel: (1/near − 1/far) over the parallax between near and far
 //! in the view where it is largest (at least 1).
 //!
-//! A photo with its confirmed depth, as the fusion takes it.
-//!
-//! Depths of photos projected to the target and fused: each pixel is splatted as a square with a
-//! side of 0.4 pixels.
-//!
-//! A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points
+//! In the splat each pixel of a photo is a square with a side of 0.4 pixels. A point covers the pixels that contain its four corners (±0.2 pixel); of each photo's points
 //! each pixel keeps the largest disparity. Over the photos: the largest that another photo has
 //! within `same` of it, or the largest of all if there is no such pair, unless [`Single`] depths are
 //! left out (docs/design-log/surface-layers.md); then the mean, in f32 and in their order, of those at most

@@ -1,19 +1,15 @@
-//! An even grid of disparities, and which of them each cell of a photo is searched at.
+//! An even grid of disparities, which of them each cell of a photo is searched at, and the photo's colours as
+//! the search reads them.
 //!
 //! Index 0 is the nearest disparity, 1/near; index k is the disparity 1/near − k·step. A search
 //! finds a fractional index between two of them. In f32: disparity(index) = nearest − index·step,
 //! product and difference each rounded once.
 //!
-//! Which planes of a grid of many each tile of a photo is searched at: those around what a search on
-//! cells twice as large found there.
-//!
-//! For a tile of 24×63 cells: from the nearest to the farthest index that the coarser map has in the
+//! Of a grid of many planes, each tile of a photo is searched at those around what a search on cells twice
+//! as large found there. For a tile of 24×63 cells: from the nearest to the farthest index that the coarser map has in the
 //! tile and in its six cells around it, 8 planes more at either end, in whole segments of 8. Planes
 //! outside cost what an unseen cell costs. Grids of at most 64 planes are searched at all: scenes of
-//! little parallax would lose more than they gain. A picture of a scene of 256 planes takes 0.73 of the
-//! processor time (docs/design-log/speed.md).
-//!
-//! A photo by colour plane, as the plane sweep and the aggregation read it.
+//! little parallax would lose more than they gain (docs/design-log/speed.md)
 
 use std::ops::Range;
 

@@ -1,11 +1,6 @@
 //! Matching cost of layers on a grid of cells: the variance of the warped colours of the views,
-//! averaged over a window. The guided search ([`super::GuidedSearch`]) minimises it; it needs no
-//! network.
-//!
-//! Semi-global matching (Hirschmüller, 2008): matching costs aggregated along image rows and
-//! columns, four paths.
-//!
-//! Winner takes all: the disparity of least cost at each cell.
+//! averaged over a window; no network is needed. Aggregated by semi-global matching (Hirschmüller, 2008)
+//! along image rows and columns, four paths; the disparity of least cost wins at each cell.
 
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;

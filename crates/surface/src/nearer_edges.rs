@@ -5,7 +5,7 @@
 //! background with the near depth is left out, and other photos show the background
 //! (docs/design-log/photo-depth-edges.md).
 //!
-//! The depths of the other photos are splatted to the photo ([`super::splat`]); only those count that
+//! The depths of the other photos are splatted to the photo ([`splat`]); only those count that
 //! two of them have. Such a depth replaces the photo's own where it is nearer by more than 2 px and
 //!
 //! - the photo's own depth differs by more than 3 px within 5×5 pixels: there is an edge;

@@ -1,33 +1,25 @@
 //! The depth of one photo: a plane sweep with the photo as reference at half resolution, then a
 //! narrow band around its result at full resolution.
 //!
-//! 1. All planes on cells of 2×2 pixels ([`super::cell_search`]).
+//! 1. All planes on cells of 2×2 pixels ([`CellSearch`]).
 //! 2. Pixels, planes half as far apart. Each cell has one or two segments of 8 of them, around the
 //!    nearest and the farthest index n and f of its 3×3 neighbourhood, in steps of the finer grid,
 //!    m = round((n + f)/2): where f − n < 3 one, from m − 3 on; where f − n < 10 two that join,
 //!    from m − 7 on; else one from round(n) − 3 and one from round(f) − 4 on, not before the end of
 //!    the first. All are shifted to lie on the grid. The same costs, aggregation and median.
 //!
-//! The first search of a photo's depth: all planes, on cells of several pixels.
-//!
-//! Cells of c×c pixels (area averages), n = ⌈parallax / (c/2) px⌉ + 1 planes, 32 to 256, from near to
+//! A search on cells of c×c pixels (area averages) has n = ⌈parallax / (c/2) px⌉ + 1 planes, 32 to 256, from near to
 //! far; the parallax is that between near and far in the neighbour where it is largest. Costs
-//! ([`super::photo_sweep`]), of many planes only around what a search on larger cells found
-//! ([`super::tile_ranges`]), aggregated ([`super::aggregate`]), 3×3 median of the (fractional) indices.
+//! ([`crate::photo_sweep`]), of many planes only around what a search on larger cells found
+//! ([`tile_ranges`]), aggregated ([`aggregate`]), 3×3 median of the (fractional) indices.
 //!
-//! The depth that a search finds for a photo.
-//!
-//! Depths that draw the cells of a second aggregation to them.
-//!
-//! A cell with an anchor of disparity d pays 0.05·min(|k − k(d)|/4, 1) more for index k, with k(d) the
+//! Anchors draw the cells of a second aggregation to a depth. A cell with an anchor of disparity d pays 0.05·min(|k − k(d)|/4, 1) more for index k, with k(d) the
 //! (fractional) index of d; a cell without one pays half its costs, so that the paths from anchored
 //! cells decide. The costs of a cell that is kept and has no anchor stay. In units of the volume
 //! (1/32768), rounded to nearest; half a cost is rounded down.
 //!
-//! How large the finest detail of a photo is: an enlarged or soft photo has none of one pixel, and a
-//! search at its full size costs more and finds less.
-//!
-//! The detail of a size is the mean square, over the inner pixels, of 4 times a pixel's grey (the mean
+//! An enlarged or soft photo has no detail of one pixel, and a search at its full size costs more and finds
+//! less ([`detail_pixels`]). The detail of a size is the mean square, over the inner pixels, of 4 times a pixel's grey (the mean
 //! of its channels) less its four neighbours. While a photo's detail is below 0.22 of that of the photo
 //! at half its size (area averages), the smaller one takes its place, as long as its shorter side has
 //! 240 pixels. Photos as cameras took them have 0.27 to 1.0 (median of each of 46 scenes but two), the

@@ -7,15 +7,14 @@
 //! the neighbour does not see, or beyond the photo's right or lower edge, counts as 0. A cell is
 //! seen where the coverage is above 0.5; one that is not costs 0.15, the maximum. Over the
 //! neighbours: the mean of the two lowest costs. In units of 1/32768, rounded to nearest (halves to
-//! even), as u16. No windows: they blur edges that the aggregation ([`super::aggregate`]) preserves
+//! even), as u16. No windows: they blur edges that the aggregation ([`crate::aggregate`]) preserves
 //! (docs/design-log/surface-layers.md).
 //!
 //! All in f32; divisions by 3 and 6 are products with the rounded reciprocal; costs are summed in
 //! ascending order.
 //!
-//! The part of a photo that the plane sweep processes at a time, small enough to stay in the cache,
-//! and whether a neighbour sees it: tiles that it does not see cost what an unseen cell costs, without
-//! samples.
+//! A photo is processed by tiles that stay in the cache; a tile that a neighbour does not see costs what
+//! an unseen cell costs, without samples.
 
 use std::ops::Range;
 
@@ -40,7 +39,7 @@ const UNSEEN_COST: f32 = COLOUR_WEIGHT * COLOUR_BOUND + GRADIENT_WEIGHT * GRADIE
 
 /// Costs `[h, w, n]` of the n candidates of each cell of the reference; the sources are its
 /// neighbours at the same scale. With `ranges`, tiles are searched at these alone
-/// ([`super::tile_ranges`]); other planes cost what an unseen cell costs.
+/// ([`crate::grid::tile_ranges`]); other planes cost what an unseen cell costs.
 pub(crate) fn costs(
     reference: &Planes,
     sources: &[WarpSource<'_>],

@@ -5,23 +5,22 @@
 //! are 3 px of parallax apart, from near to far, 8 to 192 of them. The cost of a plane at a cell is
 //! the sum of
 //!
-//! - the variance of the colours of the views that see it ([`super::visible`], coverage above 0.5),
+//! - the variance of the colours of the views that see it ([`visible`], coverage above 0.5),
 //!   averaged over the cells of a 5×5 window that two views see; 0.02 where there are none;
 //! - 0.01 for each view that sees past it;
 //! - where the splat has disparity d, 0.07·min(|d − δ|/(4 planes), 1): anchors, from which the paths
 //!   carry the depth into the holes.
 //!
-//! Aggregated along four paths ([`semi_global()`]; step 0.004, jump 0.4); the plane of least cost,
+//! Aggregated along four paths ([`semi_global`]; step 0.004, jump 0.4); the plane of least cost,
 //! refined by a parabola; 3×3 median; enlarged bilinearly. Measured alternatives:
 //! docs/design-log/ordinary-scenes.md.
 //!
-//! Photo-consistency of a surface: the variance of the colours of the photos that see a pixel, over
-//! a window.
-//!
-//! Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)²
+//! What the search finds and what fills a hole from its neighbours are compared by the variance of the
+//! colours of the photos that see a pixel ([`photo_variance`]). Of the n views with a coverage above 0.5 and a visibility of 1 (at least two): Σ (c − mean)²
 //! over views and channels, divided by 3·(n − 1), computed as (Σ c² − (Σ c)²/n); c is the sample
 //! divided by its coverage, times the view's gain, less 0.5. At most 0.02, which is also the value
-//! with fewer views, and where a view sees past the surface. Then the mean over a window of 7×7 pixels, clipped to the map.
+//! with fewer views, and where a view sees past the surface. Then the mean over
+//! a window of 7×7 pixels, clipped to the map.
 
 use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;

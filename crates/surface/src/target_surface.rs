@@ -23,9 +23,9 @@ const SEEN_MARGIN_PX: f64 = 2.0;
 /// default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PhotoCorrection {
-    /// Exposure and white balance ([`super::exposure_gains`]).
+    /// Exposure and white balance ([`crate::exposure_gains`]).
     pub exposure: bool,
-    /// Sharpness ([`super::sharpening`]).
+    /// Sharpness ([`crate::sharpening`]).
     pub sharpness: bool,
 }
 
@@ -57,7 +57,7 @@ pub struct TargetSurface {
 impl TargetSurface {
     /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
     /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
-    /// Unless `searches_holes`, holes are only filled ([`super::surface()`]).
+    /// Unless `searches_holes`, holes are only filled ([`crate::surface()`]).
     pub fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],

@@ -1,6 +1,4 @@
-//! Logits from how well the views agree on a pixel's colour: no network is needed.
-//!
-//! Whether the photos agree with their poses: how many pixels of a picture along the surface show the
+//! How well the views agree on a pixel's colour: logits without a network; and whether the photos agree with their poses: how many pixels of a picture along the surface show the
 //! same colour in the photos that it is blended from (docs/design-log/ordinary-scenes.md).
 
 use ndarray::{ArrayView2, ArrayView4, ArrayViewMut2, ArrayViewMut4, Axis};

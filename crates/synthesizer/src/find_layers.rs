@@ -7,9 +7,8 @@
 //! | `guided:L` | searches the target | moves the surface with the camera, and searches where it does not fit |
 //! | `surface:L` | the depth of the photos | searches the depth of photos that have changed |
 //!
-//! The layers of a still picture are those of a first frame.
-//!
-//! Selection among planes by the histogram of the best planes of all pixels.
+//! The layers of a still picture are those of a first frame. Planes are selected by the
+//! histogram of the best planes of all pixels.
 
 use std::fmt;
 use std::time::Duration;

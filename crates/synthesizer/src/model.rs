@@ -1,14 +1,11 @@
 //! What a synthesizer is opened with: options, and the model with ONNX Runtime.
 //!
-//! Finding model files: `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of
+//! Model files are `liveview_v{V}.onnx` and the quantised `liveview_v{V}_int8.onnx`, one of
 //! each per number of views V.
 //!
 //! There may also be models for kinds of layers: `liveview_v{V}_planes.onnx` for competing planes,
 //! `liveview_v{V}_planes_paper.onnx` for independent ones, `liveview_v{V}_surface.onnx` for layers
 //! along the surface, and their `_int8.onnx`.
-//!
-//! Whether threads can be started, tried before ONNX Runtime starts its own: if it gets only some
-//! of them, it waits for ever.
 
 use std::io;
 use std::num::NonZero;
@@ -64,7 +61,8 @@ pub struct ModelOptions {
     /// `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
     /// `liveview_v{V}_planes_paper.onnx` or its int8.
     pub file: Option<PathBuf>,
-    /// Folders of models; by default [`model_folders`].
+    /// Folders of models; by default the one named by the environment variable `LIVEVIEW_MODELS` if it is
+    /// set, else a `models` folder beside the running program or up to three folders above it.
     pub folders: Vec<PathBuf>,
     /// Whether to search for the quantised model (int8).
     pub quantized: bool,
@@ -238,8 +236,7 @@ pub struct ModelNotFound {
     pub found: Vec<usize>,
 }
 
-/// The default folders of models: the one named by the environment variable `LIVEVIEW_MODELS` if it
-/// is set, else a `models` folder beside the running program or up to three folders above it.
+/// The default of [`ModelOptions::folders`].
 fn model_folders() -> Vec<PathBuf> {
     if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
         return vec![named.into()];

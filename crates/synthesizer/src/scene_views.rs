@@ -1,8 +1,6 @@
 //! The views of a scene, and the choice among them: which a target is rendered from, and over which
-//! range of depths.
-//!
-//! Photos from which the depth range of a scene is found ([`depth_range`]): a few groups of
-//! neighbours, spread over the scene, at a small size.
+//! range of depths; where a scene gives none, it is found from a few groups of neighbouring photos, spread
+//! over the scene, at a small size ([`depth_range`]).
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, OnceLock};

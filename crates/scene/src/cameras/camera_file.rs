@@ -5,8 +5,6 @@
 //! (pixels) where they differ from those of the nearest view, w and h together. The file contains
 //! one such object or a list of them, or a camera path of nerfstudio's viewer.
 //!
-//! Reading the fields of a JSON file of cameras, with errors that name the field.
-//!
 //! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height",
 //! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
 //! of view in degrees}, …]}`.

@@ -1,7 +1,5 @@
-//! Camera paths around the views: a line, a circle or a spiral about their mean pose, facing the
+//! Camera paths through given cameras, or around the views: a line, a circle or a spiral about their mean pose, facing the
 //! point that the views' optical axes converge on.
-//!
-//! A camera path through given cameras.
 
 use std::f64::consts::TAU;
 use std::fmt;

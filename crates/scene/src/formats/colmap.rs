@@ -9,8 +9,6 @@
 //! A view's depth range comes from its tracked points: 0.9 × the 1st and 1.1 × the 99th percentile
 //! of their depths. A note reports the median reprojection error of these points, since a large one
 //! means that poses and photos do not belong together.
-//!
-//! A sparse model, and what its binary and text encodings have in common.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,6 @@
 //! The depth range of a `transforms.json` from points: those of its `ply_file_path`, or those of a
-//! COLMAP model in the folder, which nerfstudio keeps in `colmap/sparse/0`.
-//!
-//! Points of a PLY file, text or binary: x, y and z of its first element, `vertex`.
+//! COLMAP model in the folder, which nerfstudio keeps in `colmap/sparse/0`. Of a PLY file, text
+//! or binary, x, y and z of its first element, `vertex`, are read.
 
 use std::collections::HashMap;
 use std::path::Path;

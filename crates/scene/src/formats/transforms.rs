@@ -7,7 +7,7 @@
 //! half-integers, for the whole file or per frame; `camera_angle_x` (horizontal field of view,
 //! radians) replaces a missing `fl_x`. Distortion is OpenCV's: k1, k2, k3, p1, p2; of `FULL_OPENCV`
 //! also k4 to k6; of a fisheye k1 to k4. `near` and `far` (scene units) are not part of the format
-//! but are used if present; else the range is that of the scene's points ([`super::points_range`]).
+//! but are used if present; else the range is that of the scene's points ([`crate::formats::points`]).
 
 use std::path::{Path, PathBuf};
 
