@@ -6,9 +6,9 @@
 //! so several processes may share a folder: where two find the same depth the last file wins, and
 //! both are identical. A held-out photo is part of no key, as it is no photo's neighbour.
 //!
-//! The digest is the SHA-256 of, in this order and all numbers little-endian: the text [`FORMAT`], the program's
+//! The digest is the SHA-256 of, in this order and all numbers little-endian: the text `FORMAT`, the program's
 //! version, the CPU's architecture and vector instructions, which round differently (each text
-//! after its length in bytes, u64); the constants of the search ([`SEARCH_CONSTANTS`], f64); near
+//! after its length in bytes, u64); the constants of the search (`SEARCH_CONSTANTS`, f64); near
 //! and far (f64); the number of photos in the list (u64); and for each of them its size (two u64), fx,
 //! fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`]. The list: the photo and
 //! its neighbours, nearest first; then each neighbour and its own.

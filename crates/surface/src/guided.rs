@@ -55,9 +55,9 @@ pub struct GuidedSearch {
 pub struct SearchStages {
     /// Disparities of the planes of the first search (1/scene unit), near → far, `[D]`.
     pub disparities: Vec<f64>,
-    /// Their matching costs per cell of [`COARSE`] pixels, `[D, h, w]`.
+    /// Their matching costs per cell of 4 pixels, `[D, h, w]`.
     pub costs: Array3<f32>,
-    /// The costs after [`semi_global`].
+    /// The costs after semi-global matching.
     pub aggregated_costs: Array3<f32>,
     /// Disparity of least aggregated cost (1/scene unit), `[h, w]`.
     pub coarse_disparity: Array2<f32>,

@@ -117,33 +117,20 @@ const SAME_COLOUR: f32 = 0.7;
 /// Only every so-many-th row is counted.
 const ROW_STEP: usize = 4;
 
-/// Counts the pixels at which photos agree.
-#[derive(Debug, Clone, Copy, Default)]
-struct Agreement {
-    agreeing: usize,
-    seen: usize,
-}
-
-impl Agreement {
-    /// Counts the pixels that at least two photos see, on the middle one of layers along the surface; `batch` holds all layers,
-    /// and its logits are those of [`ViewAgreement`].
-    fn add(&mut self, batch: &Batch<'_>) {
-        let middle = batch.logits.len_of(Axis(0)) / 2;
-        let (logits, coverage) = (batch.logits.index_axis(Axis(0), middle), batch.coverage.index_axis(Axis(0), middle));
-        let agreement = logits.index_axis(Axis(0), 0);
-        for (y, row) in agreement.outer_iter().enumerate().step_by(ROW_STEP) {
-            for (x, &logit) in row.iter().enumerate() {
-                let views = (0..coverage.len_of(Axis(0))).filter(|&view| coverage[(view, y, x)] > 0.5).count();
-                self.seen += usize::from(views > 1);
-                self.agreeing += usize::from(views > 1 && logit > 2.0 * SAME_COLOUR);
-            }
+/// How many pixels at least two photos see, on the middle one of layers along the surface, and on how many of
+/// these they agree; `batch` holds all layers, and its logits are those of [`ViewAgreement`].
+fn seen_and_agreeing(batch: &Batch<'_>) -> (usize, usize) {
+    let middle = batch.logits.len_of(Axis(0)) / 2;
+    let (logits, coverage) = (batch.logits.index_axis(Axis(0), middle), batch.coverage.index_axis(Axis(0), middle));
+    let (mut seen, mut agreeing) = (0, 0);
+    for (y, row) in logits.index_axis(Axis(0), 0).outer_iter().enumerate().step_by(ROW_STEP) {
+        for (x, &logit) in row.iter().enumerate() {
+            let views = (0..coverage.len_of(Axis(0))).filter(|&view| coverage[(view, y, x)] > 0.5).count();
+            seen += usize::from(views > 1);
+            agreeing += usize::from(views > 1 && logit > 2.0 * SAME_COLOUR);
         }
     }
-
-    /// The share of these pixels, 0 to 1; `None` if there are none.
-    fn share(self) -> Option<f64> {
-        (self.seen > 0).then(|| self.agreeing as f64 / self.seen as f64)
-    }
+    (seen, agreeing)
 }
 
 /// Renders a shot on the layers of its plan, and the share of the pixels on which its photos agree: `None` with a network, and for
@@ -157,15 +144,14 @@ pub fn render(
 ) -> Result<(Frame, Option<f64>), SynthesisError> {
     // The renderer shows up to three layers at once.
     let is_measured = without_network && plan.surface.is_some() && plan.layers.len() <= 3;
-    let mut agreement = Agreement::default();
-    let mut seen = |batch: &Batch<'_>| {
+    let (mut seen, mut agreeing) = (0, 0);
+    let mut count = |batch: &Batch<'_>| {
         observe(batch);
-        if is_measured {
-            agreement.add(batch);
-        }
+        let found = if is_measured { seen_and_agreeing(batch) } else { (0, 0) };
+        (seen, agreeing) = (seen + found.0, agreeing + found.1);
     };
-    let frame = synthesizer.render_plan(shot, plan, Some(&mut seen))?;
-    Ok((frame, agreement.share()))
+    let frame = synthesizer.render_plan(shot, plan, Some(&mut count))?;
+    Ok((frame, (seen > 0).then(|| agreeing as f64 / seen as f64)))
 }
 
 /// What a low share usually means; `None` if it is not low.
