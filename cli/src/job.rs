@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::network::Alpha;
 use liveview::render::{Batch, Frame, Renderer};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
@@ -23,7 +23,7 @@ pub(crate) struct Job {
     pub(crate) model: ModelInfo,
     /// Counts rendered layers.
     pub(crate) progress: ProgressBar,
-    /// The share of the pixels of the last picture on which its photos agree ([`liveview_live::agreement`]); `None` with a network and
+    /// The share of the pixels of the last picture on which its photos agree ([`liveview_synthesizer::agreement`]); `None` with a network and
     /// for layers that are not along the surface.
     pub(crate) agreeing_share: Option<f64>,
 }
@@ -37,7 +37,7 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
         let given = layers.given();
         let mut job = Self::of(photos, model.with_alpha(layers.alpha()).open_for(given.as_ref())?);
-        job.synthesizer.set_photo_correction(layers.photo_correction());
+        job.synthesizer.photo_correction = layers.photo_correction();
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
             let (folder, layers) = (folder.display(), job.layers());
             print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));

@@ -9,7 +9,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use liveview::network::{AlphaKind, ExecutionProvider, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
-use liveview_synthesizer::{LayerSpec, Model, ModelOptions, ViewAgreement, check_threads};
+use liveview_synthesizer::{LayerSpec, Model, ModelOptions, ViewAgreement, check_threads, recommended_layers};
 
 use super::help::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
@@ -179,7 +179,7 @@ impl ModelArgs {
         let (renderer, layers, model) = if self.uses_network(layers) {
             let model = self.open_model(layers)?;
             let opened = OpenedModel::new(&model);
-            let recommended = || model.recommended_layers().map_err(|error| anyhow!("{error}, or --layers"));
+            let recommended = || recommended_layers(&model.network).map_err(|error| anyhow!("{error}, or --layers"));
             let layers = layers.cloned().map_or_else(recommended, Ok)?;
             (model.into_renderer(), layers, Some(opened))
         } else {

@@ -3,7 +3,7 @@
 
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::unfinished::Unfinished;
@@ -22,9 +22,6 @@ pub struct AtomicFile {
     /// `None` for a special file.
     temporary: Option<Unfinished>,
     path: PathBuf,
-    /// Position of the next byte.
-    position: u64,
-    failed: bool,
 }
 
 impl AtomicFile {
@@ -37,7 +34,7 @@ impl AtomicFile {
     pub fn create(path: &Path) -> io::Result<Self> {
         if is_special(path) {
             let file = BufWriter::new(OpenOptions::new().append(true).open(path)?);
-            return Ok(Self { file, temporary: None, path: path.to_owned(), position: 0, failed: false });
+            return Ok(Self { file, temporary: None, path: path.to_owned() });
         }
         let mut ending = OsString::new();
         if let Some(extension) = path.extension() {
@@ -51,7 +48,7 @@ impl AtomicFile {
             Ok(tempfile::Builder::new().prefix(TEMPORARY).suffix(&ending).make_in(folder, open)?.keep()?)
         })?;
         let file = BufWriter::new(file);
-        Ok(Self { file, temporary: Some(temporary), path: path.to_owned(), position: 0, failed: false })
+        Ok(Self { file, temporary: Some(temporary), path: path.to_owned() })
     }
 
     /// The temporary name, for a program that writes the file by itself.
@@ -76,9 +73,6 @@ impl AtomicFile {
     ///
     /// Those of [`AtomicFile::finish`].
     pub fn finish_open(self) -> io::Result<File> {
-        if self.failed {
-            return Err(io::Error::other("an earlier write failed"));
-        }
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
         if let Some(temporary) = self.temporary {
             file.sync_data()?;
@@ -99,33 +93,13 @@ pub fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|about| !about.is_dir() && (!about.is_file() || open()))
 }
 
-/// After the first error, which is returned, nothing more is written and every call succeeds: a
-/// dropped archive writer tries to close the archive again, and would print an error on stderr.
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = if self.failed { Ok(bytes.len()) } else { self.file.write(bytes) };
-        self.failed |= written.is_err();
-        self.position += *written.as_ref().unwrap_or(&0) as u64;
-        written
+        self.file.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let flushed = if self.failed { Ok(()) } else { self.file.flush() };
-        self.failed |= flushed.is_err();
-        flushed
-    }
-}
-
-impl Seek for AtomicFile {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let reached = match to {
-            _ if !self.failed => self.file.seek(to),
-            SeekFrom::Start(position) => Ok(position),
-            SeekFrom::Current(by) | SeekFrom::End(by) => Ok(self.position.saturating_add_signed(by)),
-        };
-        self.failed |= reached.is_err();
-        self.position = *reached.as_ref().unwrap_or(&self.position);
-        reached
+        self.file.flush()
     }
 }
 

@@ -3,7 +3,6 @@
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
-pub mod agreement;
 pub mod ffmpeg;
 mod frame_rate;
 pub mod governor;

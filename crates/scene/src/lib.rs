@@ -18,37 +18,89 @@
 
 pub mod cameras;
 mod error;
-mod format;
 mod formats;
-mod masks;
-mod options;
 mod photos;
-mod pose_file;
+mod scene_file;
 mod undistort;
 mod view;
-mod view_names;
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use formats::{READERS, transforms};
+use scene_file::{MASK_FOLDERS, mask_note};
 use undistort::{Distortion, undistort};
 use view::{DeclaredView, DeclaredViews};
 
 pub use error::SceneError;
-pub use format::Format;
 #[cfg(fuzzing)]
 pub use formats::fuzz;
-pub use options::SceneOptions;
-pub use photos::file::load_photo;
-pub use photos::folder::PhotoFolder;
-pub use photos::source::{Found, ListedPhoto, Photo, PhotoList, PhotoSource};
+pub use photos::{Found, ListedPhoto, Photo, PhotoFolder, PhotoList, PhotoSource, load_photo};
 pub use view::View;
 
 use liveview::geometry::Camera;
 use liveview::image::ImageRgb;
 use liveview_files::has_extension;
+
+/// Options for opening a scene.
+#[derive(Debug, Clone, Default)]
+pub struct SceneOptions {
+    /// Photos wider than this, in pixels, are scaled down to it on load, together with their
+    /// intrinsics.
+    pub width: Option<usize>,
+    /// The photo folder inside an LLFF, RealEstate10K or COLMAP scene, or that in place of `images`
+    /// in a `transforms.json`; by default the first that exists of the format's usual ones
+    /// (`images_8`, `images_4`, …).
+    pub images: Option<String>,
+    /// The rig position to read from a Spaces scene, counted from 0.
+    pub rig_position: usize,
+}
+
+/// The format a scene was read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// nerfstudio / instant-ngp `transforms.json`.
+    Transforms,
+    /// LLFF `poses_bounds.npy`.
+    Llff,
+    /// DeepView Spaces `models.json`.
+    Spaces,
+    /// RealEstate10K `cameras.txt` with `frames/`.
+    RealEstate10k,
+    /// COLMAP sparse model, binary or text.
+    Colmap,
+    /// No files: photos and cameras in memory.
+    Memory,
+}
+
+impl Format {
+    /// Its conventions for poses and intrinsics, as text for the user.
+    pub fn conventions(self) -> &'static str {
+        match self {
+            Self::Transforms => "world from camera with OpenGL axes (x right, y up, z backwards); K in pixels of w x h",
+            Self::Llff => "world from camera with columns [down, right, backwards]; K in pixels of the declared size",
+            Self::Spaces => "axis-angle rotation and camera centre, OpenCV axes; K in pixels of the declared size",
+            Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
+            Self::Colmap | Self::Memory => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Transforms => "transforms.json (nerfstudio, instant-ngp)",
+            Self::Llff => "LLFF poses_bounds.npy",
+            Self::Spaces => "Spaces models.json",
+            Self::RealEstate10k => "RealEstate10K",
+            Self::Colmap => "COLMAP",
+            Self::Memory => "photos in memory",
+        })
+    }
+}
 
 /// The pixels of a scene's photos.
 #[derive(Debug, Clone)]
@@ -111,13 +163,13 @@ impl Scene {
         for other in others {
             notes.push(format!("the folder also holds {other}: its poses are not read, {format} takes precedence"));
         }
-        notes.extend(masks::FOLDERS.into_iter().filter(|folder| root.join(folder).is_dir()).map(masks::note));
+        notes.extend(MASK_FOLDERS.into_iter().filter(|folder| root.join(folder).is_dir()).map(mask_note));
         Ok(Self { root: root.to_owned(), format, views, notes, pixels: Pixels::Source(photos) })
     }
 
     /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
     /// divides folders, as in paths. The depth range is found from the photos, or given with the
-    /// scene ([`SceneViews::new`](crate::SceneViews::new), [`View::depth_range`]).
+    /// scene ([`View::depth_range`]).
     ///
     /// # Errors
     ///
@@ -161,7 +213,7 @@ impl Scene {
     pub fn view_index(&self, name: &str) -> Result<usize, SceneError> {
         let by_source_name =
             || self.views.iter().position(|view| view.photo.name == name.strip_prefix("./").unwrap_or(name));
-        view_names::index_of(&self.views, name).or_else(|unknown| by_source_name().ok_or(unknown))
+        view::index_of(&self.views, name).or_else(|unknown| by_source_name().ok_or(unknown))
     }
 
     /// Decodes the photo of a view, undistorts it and scales it down to the size of the view's

@@ -1,36 +1,37 @@
 //! A posed photo, made from what a format declares: intrinsics scaled to the photo's size and to
-//! `--width`, the depth range checked.
+//! `--width`, the depth range checked. Views are found by name.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
-use super::pose_file::abbreviated;
-use super::{Distortion, Photo, SceneError, SceneOptions};
+use crate::scene_file::abbreviated;
+use crate::{Distortion, Photo, SceneError, SceneOptions};
 use liveview::geometry::{Camera, CameraError, Intrinsics, Size};
 use liveview::layers::uniform_disparities;
 
 /// One view as its format declares it. The pose is `cam_from_world`, OpenCV axes; intrinsics are in
 /// pixels of `size`.
-pub(super) struct DeclaredView {
-    pub(super) photo: Photo,
-    pub(super) intrinsics: Intrinsics,
-    pub(super) size: Size,
+pub(crate) struct DeclaredView {
+    pub(crate) photo: Photo,
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) size: Size,
     /// Whether the photo may be of another size, resampled; K is then scaled accordingly.
-    pub(super) may_be_resampled: bool,
-    pub(super) rotation: DMat3,
-    pub(super) translation: DVec3,
-    pub(super) distortion: Distortion,
+    pub(crate) may_be_resampled: bool,
+    pub(crate) rotation: DMat3,
+    pub(crate) translation: DVec3,
+    pub(crate) distortion: Distortion,
     /// Near and far depth in scene units; an invalid range is ignored with a note.
-    pub(super) depth_range: Option<(f64, f64)>,
+    pub(crate) depth_range: Option<(f64, f64)>,
 }
 
 /// The result of a format's reader.
-pub(super) struct DeclaredViews {
+pub(crate) struct DeclaredViews {
     /// The file that holds the cameras, for messages.
-    pub(super) cameras: PathBuf,
-    pub(super) views: Vec<DeclaredView>,
-    pub(super) notes: Vec<String>,
+    pub(crate) cameras: PathBuf,
+    pub(crate) views: Vec<DeclaredView>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Largest relative difference of declared and actual aspect ratio at which intrinsics are
@@ -42,16 +43,16 @@ const ASPECT_TOLERANCE: f64 = 0.01;
 pub struct View {
     /// The photo's path relative to the folder that all photos share: usually its file name.
     pub name: String,
-    /// The camera, at the size of the image that [`Scene::load_image`](super::Scene::load_image)
+    /// The camera, at the size of the image that [`Scene::load_image`](crate::Scene::load_image)
     /// returns.
     pub camera: Camera,
     /// Near and far depth in scene units, if the format has them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
     /// The photo in its source.
-    pub(super) photo: Photo,
+    pub(crate) photo: Photo,
     /// At the photo's own size.
-    pub(super) native: Camera,
-    pub(super) distortion: Distortion,
+    pub(crate) native: Camera,
+    pub(crate) distortion: Distortion,
 }
 
 impl View {
@@ -65,7 +66,7 @@ impl View {
         &self.native
     }
 
-    /// The model of the lens distortion that [`Scene::load_image`](super::Scene::load_image) removes,
+    /// The model of the lens distortion that [`Scene::load_image`](crate::Scene::load_image) removes,
     /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
     /// pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
@@ -84,7 +85,7 @@ struct Changes {
 }
 
 /// The views in order of their names, and the notes.
-pub(super) fn from_declared(
+pub(crate) fn from_declared(
     found: DeclaredViews,
     options: &SceneOptions,
 ) -> Result<(Vec<View>, Vec<String>), SceneError> {
@@ -180,4 +181,47 @@ impl Changes {
             notes.push(format!("depth range ignored, expected 0 < near < far within float32's range: {names}"));
         }
     }
+}
+
+/// Number of similar names that an error lists.
+const LISTED_NAMES: usize = 3;
+
+/// Index of the view with this name, file name, or file name without extension.
+pub(crate) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> {
+    let names: [fn(&Path) -> Option<&OsStr>; 3] = [|path| Some(path.as_os_str()), Path::file_name, Path::file_stem];
+    let unknown = |reason: &str, closest: Vec<&str>| {
+        let (count, closest) = (views.len(), closest.join(", "));
+        SceneError::UnknownView(format!("{reason} \"{name}\" among the {count} views; closest: {closest}"))
+    };
+    for name_of in names {
+        let is_named = |&view: &usize| name_of(views[view].name.as_ref()) == Some(name.as_ref());
+        let matches: Vec<usize> = (0..views.len()).filter(is_named).collect();
+        match matches.as_slice() {
+            [] => {}
+            [index] => return Ok(*index),
+            several => {
+                let closest = several.iter().take(LISTED_NAMES).map(|&view| views[view].name.as_str()).collect();
+                return Err(unknown("several views are named", closest));
+            }
+        }
+    }
+    let mut closest: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+    closest.sort_by_key(|view| edit_distance(view, name));
+    closest.truncate(LISTED_NAMES);
+    Err(unknown("no view is named", closest))
+}
+
+/// Levenshtein distance, to suggest names similar to a misspelt one.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.bytes().enumerate() {
+            let above = row[j + 1];
+            row[j + 1] = (diagonal + usize::from(x != y)).min(above + 1).min(row[j] + 1);
+            diagonal = above;
+        }
+    }
+    row[b.len()]
 }

@@ -1,14 +1,17 @@
-//! Depth maps of a scene's photos, and what they confirm of each other.
+//! Depth maps of a scene's photos, and what they confirm of each other. The votes of
+//! photos on each other are kept from target to target: a viewpoint that comes back to photos that it has
+//! left finds them.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::correction::PairStatistics;
-use super::fusion::{ConfirmedDepth, ConsistencyVotes, confirmed, confirmed_by, nearer_edges};
-use super::kept_votes::{KeptVotes, Votes};
-use super::search::PhotoDepth;
+use crate::consistency::confirmed_by;
+use crate::correction::PairStatistics;
+use crate::nearer_edges::nearer_edges;
+use crate::{ConfirmedDepth, ConsistencyVotes, PhotoDepth, confirmed};
 use liveview::geometry::{Camera, facing_alike};
 use liveview::warp::SourceView;
 
@@ -20,21 +23,23 @@ pub const EXTRA_PHOTOS: usize = 2;
 /// Bytes of votes that stay beyond those that are needed soon.
 const KEPT_VOTES: usize = 64 << 20;
 
-/// Depth maps of some photos of a scene; only these take part: a held-out photo is not among them.
+/// Depth maps of the photos of a scene.
 #[derive(Debug, Clone)]
 pub struct DepthMaps {
     cameras: Vec<Camera>,
-    near: f64,
-    far: f64,
+    /// Indices of photos that take no part.
+    pub held_out: Vec<usize>,
+    /// Nearest and farthest depth searched, scene units.
+    range: (f64, f64),
     maps: Vec<Option<Arc<PhotoDepth>>>,
     votes: KeptVotes,
     /// Depths that the maps of the last set confirmed among each other, with the colours that its photos
     /// had then.
     confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
     /// Mean share of the pixels of that set which are confirmed.
-    confirmed_share: f64,
+    pub(crate) confirmed_share: f64,
     /// Of the photos of that set.
-    statistics: PairStatistics,
+    pub(crate) statistics: PairStatistics,
 }
 
 impl DepthMaps {
@@ -44,8 +49,8 @@ impl DepthMaps {
         let maps = vec![None; cameras.len()];
         Self {
             cameras,
-            near,
-            far,
+            held_out: Vec::new(),
+            range: (near, far),
             maps,
             votes: KeptVotes::default(),
             confirmed: None,
@@ -56,14 +61,14 @@ impl DepthMaps {
 
     /// Nearest and farthest depth searched, scene units.
     pub fn range(&self) -> (f64, f64) {
-        (self.near, self.far)
+        self.range
     }
 
     /// Photos that photo `index` is matched with, nearest first (ties: the earlier).
     pub fn neighbours(&self, index: usize) -> Vec<usize> {
         let cameras: Vec<&Camera> = self.cameras.iter().collect();
         let mut photos = facing_alike(&cameras, &self.cameras[index]);
-        photos.retain(|&photo| photo != index);
+        photos.retain(|photo| *photo != index && !self.held_out.contains(photo));
         photos.truncate(NEIGHBOURS);
         photos
     }
@@ -150,17 +155,6 @@ impl DepthMaps {
         (0..found.len()).into_par_iter().map(confirmed).collect()
     }
 
-    /// Mean share, 0 to 1, of the pixels of the last set passed to [`Self::mutually_confirmed`] that
-    /// are confirmed.
-    pub(super) fn confirmed_share(&self) -> f64 {
-        self.confirmed_share
-    }
-
-    /// Statistics of pairs of the last set passed to [`Self::mutually_confirmed`].
-    pub(super) fn statistics(&mut self) -> &mut PairStatistics {
-        &mut self.statistics
-    }
-
     /// Where the maps of `others` confirm that of photo `index`, which is not missing.
     fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
         let depth = self.maps[index].as_ref().expect("a photo with depth");
@@ -190,5 +184,92 @@ impl Comparison {
             pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
         };
         self.others.iter().flat_map(votes).collect()
+    }
+}
+
+/// Votes of the map of one photo on another's, by `[voter, judged]`.
+pub type Votes = HashMap<[usize; 2], ConsistencyVotes>;
+
+/// Votes, with the number of the request that used them last.
+#[derive(Debug, Clone, Default)]
+struct KeptVotes {
+    votes: HashMap<[usize; 2], (u64, ConsistencyVotes)>,
+    requests: u64,
+}
+
+impl KeptVotes {
+    /// The votes of the maps of these photos on that of photo `judged`; missing ones are computed.
+    pub(crate) fn get_or_compute(
+        &mut self,
+        judged: usize,
+        voters: &[usize],
+        compute: impl Fn(usize) -> ConsistencyVotes,
+    ) -> Vec<&ConsistencyVotes> {
+        self.requests += 1;
+        for &voter in voters {
+            let votes = self.votes.entry([voter, judged]).or_insert_with(|| (0, compute(voter)));
+            votes.0 = self.requests;
+        }
+        voters.iter().map(|&voter| &self.votes[&[voter, judged]].1).collect()
+    }
+
+    /// Takes votes that were computed elsewhere.
+    pub(crate) fn extend(&mut self, votes: Votes) {
+        self.requests += 1;
+        self.votes.extend(votes.into_iter().map(|(pair, votes)| (pair, (self.requests, votes))));
+    }
+
+    /// Drops the votes on a photo's map and those of it.
+    fn drop_photo(&mut self, photo: usize) {
+        self.votes.retain(|pair, _| !pair.contains(&photo));
+    }
+
+    /// Drops the votes between photos that are not all in `keep`, and of those not all in `soon` the ones
+    /// used longest ago, beyond `bytes`.
+    fn retain(&mut self, keep: &[usize], soon: &[usize], bytes: usize) {
+        self.votes.retain(|pair, _| pair.iter().all(|photo| keep.contains(photo)));
+        let later = self.votes.iter().filter(|(pair, _)| !pair.iter().all(|photo| soon.contains(photo)));
+        let mut later: Vec<_> = later.map(|(&pair, (used, votes))| (Reverse(*used), pair, votes.bytes())).collect();
+        later.sort_unstable();
+        let mut left = bytes;
+        for (_, pair, bytes) in later {
+            match left.checked_sub(bytes) {
+                Some(rest) => left = rest,
+                None => drop(self.votes.remove(&pair)),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use glam::DVec3;
+
+    use super::*;
+    use crate::photo_depth::PhotoDepth;
+    use liveview::geometry::Camera;
+    use liveview::geometry::Intrinsics;
+
+    #[test]
+    fn votes_used_last_stay() {
+        let intrinsics = Intrinsics { fx: 4.0, fy: 4.0, cx: 4.0, cy: 2.0, skew: 0.0 };
+        let camera = Camera::new(intrinsics, 8, 4, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let depth = PhotoDepth::unknown(camera.size());
+        let compute = |_| ConsistencyVotes::new((&camera, &depth), (&camera, &depth));
+        let mut votes = KeptVotes::default();
+        votes.get_or_compute(0, &[1, 2, 3], compute);
+        votes.get_or_compute(4, &[1, 2], compute);
+        votes.get_or_compute(0, &[1], compute);
+        let bytes = compute(0).bytes();
+        let known = |votes: &KeptVotes| {
+            let mut pairs: Vec<_> = votes.votes.keys().copied().collect();
+            pairs.sort_unstable();
+            pairs
+        };
+        votes.retain(&[0, 1, 2, 4], &[2, 4], bytes);
+        assert_eq!(known(&votes), [[1, 0], [2, 4]], "used last, and needed soon");
+        votes.drop_photo(0);
+        assert_eq!(known(&votes), [[2, 4]]);
     }
 }

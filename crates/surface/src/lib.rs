@@ -6,46 +6,52 @@
 //!                                                         target ──┘   edges once per set of photos)
 //! ```
 //!
-//! - `search`: the depth of one photo, by a plane sweep with the photo as reference.
+//! - `photo_depth`, `photo_sweep`, `aggregate`, `grid`: the depth of one photo, by a plane sweep with the
+//!   photo as reference.
 //! - `anchored_depth`: the same, with what the neighbours find as anchors.
-//! - `fusion`: consistency between photos, their depth at edges, and its fusion at the target.
+//! - `consistency`, `nearer_edges`: what photos confirm of each other's depth, and depth at edges.
+//! - `fusion`, `target_search`: the surface of a target, and the search of its holes.
 //! - `correction`: exposure and sharpness of the photos.
-//! - `range`: the depth range of a scene that gives none.
-//! - `guided`: a coarser search at the target alone, for guided layers.
+//! - `depth_range`: the depth range of a scene that gives none.
+//! - [`guided`], `carried_surface`: a coarser search at the target alone, for guided layers.
 //! - [`cache`]: the depth of photos as files.
 //!
 //! Soft3D (Penner and Zhang, 2017) and multi-view stereo systems (COLMAP; Free View Synthesis,
 //! 2020) search depth at a reference image. Each file states its formulas, constants and ties; the
 //! result has the same bits on any number of threads.
 
+mod aggregate;
 mod anchored_depth;
 pub mod cache;
+mod carried_surface;
+mod consistency;
 mod correction;
 mod depth_maps;
-mod dirty_tiles;
+mod depth_range;
 mod fusion;
+mod grid;
 pub mod guided;
-mod kept_votes;
+mod matching;
+mod nearer_edges;
 mod neighbourhood;
 pub mod parallax;
-mod range;
-mod search;
-mod small_maps;
+mod photo_depth;
+mod photo_sweep;
 #[doc(hidden)] // for the parity tests
 pub mod stages;
+mod target_search;
 mod target_surface;
 #[cfg(test)]
 mod tests;
 
-pub use anchored_depth::{anchored_depth, anchored_depth_in_scene, small_photo};
+pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth, anchored_depth_in_scene, small_photo};
+pub use carried_surface::{Region, dirty_regions};
+pub use consistency::{ConfirmedDepth, ConsistencyVotes, confirmed};
 pub use correction::{exposure_gains, sharpening};
-pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
-pub use dirty_tiles::{Region, dirty_regions};
-pub use fusion::{ConfirmedDepth, ConsistencyVotes, Surface, SurfaceView, confirmed, surface};
-pub use kept_votes::Votes;
-pub use range::depth_range;
-pub use search::{PhotoDepth, photo_depth};
-pub use small_maps::{SmallMaps, SmallPhoto};
+pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
+pub use depth_range::depth_range;
+pub use fusion::{Surface, SurfaceView, surface};
+pub use photo_depth::{PhotoDepth, photo_depth};
 pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};
 
 /// What a frame reuses of the one before.

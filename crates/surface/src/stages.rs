@@ -1,4 +1,4 @@
-//! The stages of [`photo_depth`](super::photo_depth()) and [`surface`](super::surface()) one by
+//! The stages of [`photo_depth`](crate::photo_depth()) and [`surface`](crate::surface()) one by
 //! one, on plain arrays: for the parity tests, which compare them with the reference.
 //!
 //! Maps are `[h, w]`, disparities 1/scene unit, indices those of a grid of disparities from 1/near
@@ -6,26 +6,20 @@
 
 use ndarray::{Array2, Array3};
 
-use super::anchored_depth::Group;
-pub use super::fusion::nearer_edges;
-use super::fusion::photo_variance::{self, SeenSurface};
-use super::fusion::surface::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
-use super::fusion::target_search::TargetSearch;
-use super::fusion::{ConfirmedDepth, SurfaceView, visible};
-use super::neighbourhood;
-pub use super::range::range_of;
-use super::search::aggregate::aggregate;
-use super::search::anchors::Anchors;
-use super::search::depth_map::PhotoDepth;
-use super::search::grid::{Candidates, Grid};
-use super::search::photo_depth;
-use super::search::photo_sweep::costs;
-use super::search::planes::Planes;
-use super::search::tile_ranges;
-use super::small_maps::{self, SmallPhoto};
+use crate::aggregate::aggregate;
+use crate::anchored_depth::{self, Group};
+use crate::fusion::{OCCLUSION_MARGIN_PX, disparity_per_pixel, splat_confirmed, warp_sources};
+use crate::grid::{Candidates, Grid, Planes};
+use crate::photo_depth::Anchors;
+use crate::photo_sweep::costs;
+use crate::target_search::{self, SeenSurface, TargetSearch};
+use crate::{ConfirmedDepth, PhotoDepth, SmallPhoto, SurfaceView, consistency, grid, neighbourhood, photo_depth};
 use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::layers::padded;
 use liveview::warp::{SourceView, Texture, WarpSource};
+
+pub use crate::depth_range::range_of;
+pub use crate::nearer_edges::nearer_edges;
 
 /// An even grid of disparities on cells of pixels, and the part of it that each cell is searched
 /// at.
@@ -78,7 +72,7 @@ pub fn matching_costs(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], sea
 /// The planes that the tiles of a photo of `[h, w]` cells are searched at ([`Search::ranges`]), around
 /// the disparity that a search on cells twice as large found.
 pub fn tile_ranges(coarser: &Array2<f32>, search: &Search<'_>, size: (usize, usize)) -> Option<Array3<u16>> {
-    tile_ranges::tile_ranges(coarser, &search.grid(), size)
+    grid::tile_ranges(coarser, &search.grid(), size)
 }
 
 /// Index of each cell by semi-global aggregation of the costs `[h, w, n]`, before the median.
@@ -106,7 +100,7 @@ pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
 /// least one) from near to far (scene units).
 pub fn small_map(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
     let photos: Vec<SmallPhoto> = views.iter().map(SmallPhoto::new).collect();
-    small_maps::small_map(&photos.iter().collect::<Vec<_>>(), range)
+    anchored_depth::small_map(&photos.iter().collect::<Vec<_>>(), range)
 }
 
 /// What the others of a group confirm of each of its maps; the cameras are those of the full size.
@@ -170,7 +164,7 @@ pub fn fill_holes(values: &Array2<f32>) -> Array2<f32> {
 /// 1 where the view sees the point of each pixel of the target at `disparity`, 0 where it is
 /// occluded, −1 where the view sees past it; `margin` in 1/scene unit.
 pub fn visible(view: (&Camera, &ConfirmedDepth), target: &Camera, disparity: &Array2<f32>, margin: f32) -> Array2<f32> {
-    map(visible::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
+    map(consistency::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
 
 /// A photo with `amount` of its detail added, `[h, w, 3]`.
@@ -185,7 +179,7 @@ pub fn sharpened(photo: &Texture, amount: f32) -> Array3<f32> {
 pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface: &Array2<f32>) -> Array2<f32> {
     let (width, all_holes) = (surface.ncols(), vec![-1.0; surface.len()]);
     let seen = SeenSurface { disparity: flat(surface), splatted: &all_holes, width, sources, visible };
-    map(photo_variance::photo_variance(&seen), width)
+    map(target_search::photo_variance(&seen), width)
 }
 
 /// The target's own search: the costs `[D, h, w]` of its planes, and the disparity `[h, w]` that it

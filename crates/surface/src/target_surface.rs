@@ -3,11 +3,10 @@
 
 use std::sync::Arc;
 
-use super::correction::{balanced, gains_to_first, sharpening_with};
-use super::depth_maps::DepthMaps;
-use super::fusion::{ConfirmedDepth, Surface, SurfaceView, find_surface};
+use crate::correction::{balanced, gains_to_first, sharpening_with};
+use crate::fusion::OCCLUSION_MARGIN_PX;
+use crate::{ConfirmedDepth, DepthMaps, Surface, SurfaceView, surface};
 use liveview::geometry::{Camera, distance};
-use liveview::layers::{Layers, LayersError};
 use liveview::render::{ViewCorrection, Visibility};
 use liveview::warp::{NO_GAINS, SourceView};
 
@@ -24,9 +23,9 @@ const SEEN_MARGIN_PX: f64 = 2.0;
 /// default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PhotoCorrection {
-    /// Exposure and white balance ([`super::exposure_gains`]).
+    /// Exposure and white balance ([`crate::exposure_gains`]).
     pub exposure: bool,
-    /// Sharpness ([`super::sharpening`]).
+    /// Sharpness ([`crate::sharpening`]).
     pub sharpness: bool,
 }
 
@@ -44,19 +43,21 @@ impl Default for PhotoCorrection {
 /// A target's surface, with the confirmed depth and the correction of its views' photos.
 #[derive(Debug, Clone)]
 pub struct TargetSurface {
-    surface: Surface,
+    /// The surface.
+    pub surface: Surface,
     /// The confirmed depth of each view's photo.
     confirmed: Vec<Arc<ConfirmedDepth>>,
-    /// Of each view's photo.
-    corrections: Vec<ViewCorrection>,
-    /// Mean share of the photos that other photos confirm.
-    confirmed_share: f64,
+    /// Correction `[V]` of the views' photos.
+    pub corrections: Vec<ViewCorrection>,
+    /// Mean share, 0 to 1, of the photos' pixels (of its views and helpers) whose depth other photos
+    /// confirm.
+    pub confirmed_share: f64,
 }
 
 impl TargetSurface {
     /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
     /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
-    /// Unless `searches_holes`, holes are only filled ([`super::surface()`]).
+    /// Unless `searches_holes`, holes are only filled ([`crate::surface()`]).
     pub fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],
@@ -68,41 +69,16 @@ impl TargetSurface {
         let mut confirmed = maps.mutually_confirmed(photos);
         let mut views = views(photos, &confirmed);
         let corrections = correct(maps, &mut views, count, target, correction);
-        let surface = find_surface(&views, target, maps.range(), searches_holes);
-        let confirmed_share = maps.confirmed_share();
+        let surface = surface(&views, target, maps.range(), searches_holes);
+        let confirmed_share = maps.confirmed_share;
         confirmed.truncate(count);
         Self { surface, confirmed, corrections, confirmed_share }
-    }
-
-    /// The surface.
-    pub fn surface(&self) -> &Surface {
-        &self.surface
-    }
-
-    /// Mean share, 0 to 1, of the photos' pixels (of its views and helpers) whose depth other photos
-    /// confirm.
-    pub fn confirmed_share(&self) -> f64 {
-        self.confirmed_share
     }
 
     /// Whether any of the photos' depth was carried to the target. Without any confirmed depth, the
     /// photos say nothing of what it sees, and the surface is that of the search at the target.
     fn is_seen(&self) -> bool {
         1.0 - self.surface.holes >= MIN_CARRIED * self.confirmed_share
-    }
-
-    /// Correction `[V]` of the views' photos.
-    pub fn corrections(&self) -> &[ViewCorrection] {
-        &self.corrections
-    }
-
-    /// `count` layers along the surface ([`Surface::layers`]).
-    ///
-    /// # Errors
-    ///
-    /// [`LayersError::Empty`] for a count of 0.
-    pub fn layers(&self, count: usize) -> Result<Layers, LayersError> {
-        self.surface.layers(count)
     }
 
     /// The part of a depth range (near, far; scene units) in which the target sees something; all of it
@@ -123,7 +99,11 @@ impl TargetSurface {
     /// Occlusion of its views, for the renderer.
     pub fn visibility(&self) -> Visibility<'_> {
         let disparities = self.confirmed.iter().map(|confirmed| &confirmed.disparity).collect();
-        Visibility { disparities, margin: self.surface.occlusion_margin(), is_seen: self.is_seen() }
+        Visibility {
+            disparities,
+            margin: OCCLUSION_MARGIN_PX * self.surface.disparity_per_pixel,
+            is_seen: self.is_seen(),
+        }
     }
 }
 
@@ -155,7 +135,7 @@ fn correct(
 ) -> Vec<ViewCorrection> {
     let mut gains = vec![NO_GAINS; views.len()];
     let mut sharpening = vec![0.0; count.min(views.len())];
-    let statistics = maps.statistics();
+    let statistics = &mut maps.statistics;
     statistics.reset_unless_of(views);
     if correction.exposure {
         gains = gains_to_first(views, statistics);

@@ -6,14 +6,13 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use ndarray::Array2;
 
-use super::fusion::nearer_edges;
-use super::fusion::photo_variance::{MAX_VARIANCE, SeenSurface, photo_variance};
-use super::fusion::visible::visible;
-use super::search::aggregate::aggregate;
-use super::search::grid::{Candidates, Grid, SEGMENT};
-use super::search::photo_sweep::{COST_SCALE, costs};
-use super::search::planes::Planes;
-use super::*;
+use crate::aggregate::aggregate;
+use crate::consistency::visible;
+use crate::grid::{Candidates, Grid, Planes, SEGMENT};
+use crate::nearer_edges::nearer_edges;
+use crate::photo_sweep::{COST_SCALE, costs};
+use crate::target_search::{MAX_VARIANCE, SeenSurface, photo_variance};
+use crate::*;
 use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
 use liveview::image::ImageRgb;
 use liveview::layers::{Layer, LayersError};
@@ -178,7 +177,7 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     }
     let views = rig.surface_views(&confirmed);
     let target = camera(0.1);
-    let found = surface(&views, &target, RANGE.0, RANGE.1);
+    let found = surface(&views, &target, RANGE, true);
     let share = correct_share(&found.disparity, 0.1, found.disparity_per_pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
@@ -329,7 +328,7 @@ fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
     let mut maps = rig.maps();
     let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default(), true);
     let (near, far) = found.seen_range(RANGE);
-    let pixel = f64::from(found.surface().disparity_per_pixel);
+    let pixel = f64::from(found.surface.disparity_per_pixel);
     assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
     assert!((WALL - 4.0 * pixel..WALL).contains(&(1.0 / far)), "{far}");
     assert_eq!(found.seen_range((3.0, 4.0)), (3.0, 4.0), "never beyond the range");
@@ -344,7 +343,7 @@ fn surface_any_number_of_threads_gives_the_same_bits() {
             let mut maps = rig.maps();
             let confirmed = maps.mutually_confirmed(&rig.set(5));
             let views = rig.surface_views(&confirmed[..4]);
-            let found = surface(&views, &camera(0.07), RANGE.0, RANGE.1).disparity;
+            let found = surface(&views, &camera(0.07), RANGE, true).disparity;
             let correction = exposure_gains(&views, &[1.0; 4]).concat().into_iter().chain(sharpening(&views));
             found.into_iter().chain(correction).map(f32::to_bits).collect::<Vec<_>>()
         })
@@ -380,16 +379,16 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
         let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
         photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
         let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
-        found.corrections().to_vec()
+        found.corrections
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {
         let mut fresh = maps.clone();
-        *fresh.statistics() = Default::default();
+        fresh.statistics = Default::default();
         let (found, expected) = (find(&mut maps, x, second), find(&mut fresh, x, second));
         assert_eq!(found, expected, "{x}");
-        let kept = maps.statistics().sharpness.len();
+        let kept = maps.statistics.sharpness.len();
         find(&mut maps, x + 0.01, second);
-        assert_eq!(maps.statistics().sharpness.len(), kept, "another target computes nothing again");
+        assert_eq!(maps.statistics.sharpness.len(), kept, "another target computes nothing again");
     }
-    assert_eq!(maps.statistics().gains.len(), 3, "statistics of a changed photo are dropped");
+    assert_eq!(maps.statistics.gains.len(), 3, "statistics of a changed photo are dropped");
 }

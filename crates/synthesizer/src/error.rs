@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use crate::{ModelNotFound, ThreadsError};
 use liveview::geometry::{Size, TooFewViews};
 use liveview::layers::LayersError;
 use liveview::network::{NetworkError, OrtLibraryError};
@@ -10,9 +11,6 @@ use liveview::render::RenderError;
 use liveview_files::memory::MemoryError;
 use liveview_scene::SceneError;
 use liveview_scene::cameras::CameraPathError;
-
-use crate::model_file::ModelNotFound;
-use crate::threads::ThreadsError;
 
 /// Why a scene could not be opened or rendered.
 #[derive(Debug, thiserror::Error)]

@@ -14,46 +14,39 @@
 //! target, [`Synthesizer::load`] loads their photos, [`Synthesizer::plan`] finds the layers,
 //! [`Synthesizer::render_plan`] renders them.
 
+pub mod agreement;
 pub mod colormap;
-mod depth;
+mod depth_search;
 mod error;
 mod find_layers;
-mod found_range;
 mod layer_spec;
 mod memory;
 mod metrics;
-mod model_file;
-mod options;
-mod photo_store;
-mod plan;
-mod retention;
+mod model;
+mod photo_depths;
 mod scene_photos;
 mod scene_views;
-mod select_planes;
 mod shot;
 mod synthesizer;
-mod target;
-mod threads;
-mod view_agreement;
 
-pub use depth::depth_search::{DepthSearch, FoundDepth};
-pub use depth::scene_depth::{DepthProgress, DepthSource, ViewDepth};
+pub use agreement::ViewAgreement;
+pub use depth_search::{DepthSearch, FoundDepth};
 pub use error::SynthesisError;
-pub use find_layers::{Carried, FoundLayers, FrameInput, LayerSource, PhotosWithDepth, Selection, find_layers};
+pub use find_layers::{
+    Carried, FrameInput, LayerSource, PhotosWithDepth, Plan, Selection, cover_planes, find_layers, select_planes,
+};
 pub use layer_spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
 // Targets are cameras, and paths of them; pictures come back.
 pub use liveview::{Camera, Frame, ImageRgb};
 pub use liveview_scene::{Scene, SceneOptions};
 pub use liveview_surface::{PhotoCorrection, TargetSurface};
 pub use metrics::{Score, psnr, ssim};
-pub use model_file::{ModelNotFound, find_model, model_folders};
-pub use options::{DEFAULT_VIEWS, Model, ModelOptions, OpenedRenderer, Options, recommended_layers};
-pub use plan::Plan;
+pub use model::{
+    MAX_THREADS, Model, ModelNotFound, ModelOptions, OpenedRenderer, Options, ThreadsError, check_threads, find_model,
+    recommended_layers,
+};
+pub use photo_depths::{DepthProgress, DepthSource, ViewDepth};
 pub use scene_photos::ScenePhotos;
 pub use scene_views::SceneViews;
-pub use select_planes::{cover_planes, select_planes};
-pub use shot::{LoadedShot, Shot};
+pub use shot::{LoadedShot, Shot, Target, TargetCamera, Targets};
 pub use synthesizer::Synthesizer;
-pub use target::{Target, TargetCamera, Targets};
-pub use threads::{MAX_THREADS, ThreadsError, check_threads};
-pub use view_agreement::ViewAgreement;

@@ -2,13 +2,10 @@
 //! `--network none` at 1 and 3 megapixels, it is right within a tenth; what ONNX Runtime needs is
 //! unknown, and its failure is an error.
 
+use crate::{LayerSpec, Shot, SynthesisError};
 use liveview::Renderer;
 use liveview_files::memory;
 use liveview_scene::Scene;
-
-use crate::error::SynthesisError;
-use crate::layer_spec::LayerSpec;
-use crate::shot::Shot;
 
 /// Bytes per pixel of a photo as a texture.
 const TEXTURE_BYTES: usize = 16;

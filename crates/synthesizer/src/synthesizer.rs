@@ -3,22 +3,15 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use crate::{
+    Carried, FrameInput, LayerSource, LayerSpec, LoadedShot, OpenedRenderer, Options, PhotosWithDepth, Plan,
+    ScenePhotos, SceneViews, Shot, SynthesisError, Target, Targets, find_layers, memory,
+};
 use liveview::layers::Layers;
 use liveview::network::RunEnd;
 use liveview::render::{Frame, Observer, RenderRequest, Renderer, ViewCorrection};
 use liveview_scene::Scene;
 use liveview_surface::{EXTRA_PHOTOS, PhotoCorrection, Reuse, TargetSurface, photo_corrections};
-
-use crate::error::SynthesisError;
-use crate::find_layers::{Carried, FrameInput, PhotosWithDepth, find_layers};
-use crate::layer_spec::LayerSpec;
-use crate::memory;
-use crate::options::{OpenedRenderer, Options};
-use crate::plan::Plan;
-use crate::scene_photos::ScenePhotos;
-use crate::scene_views::SceneViews;
-use crate::shot::{LoadedShot, Shot};
-use crate::target::{Target, Targets};
 
 /// Renders new views of a scene: [`Self::render`], or step by step [`Self::shots`], [`Self::load`],
 /// [`Self::plan`] and [`Self::render_plan`].
@@ -27,8 +20,12 @@ pub struct Synthesizer {
     photos: ScenePhotos,
     renderer: Renderer,
     layers: LayerSpec,
-    photo_correction: PhotoCorrection,
-    searches_holes: bool,
+    /// Which differences between photos are corrected, for surface layers and for planes. With
+    /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
+    pub photo_correction: PhotoCorrection,
+    /// Whether the holes of surfaces, where they are more than 5 %, are searched at the target. Pictures in
+    /// motion may do without.
+    pub searches_holes: bool,
     run_end: Option<RunEnd>,
 }
 
@@ -71,19 +68,6 @@ impl Synthesizer {
         }
     }
 
-    /// Sets which differences between photos are corrected, for surface layers and for planes. With
-    /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
-    pub fn set_photo_correction(&mut self, photo_correction: PhotoCorrection) {
-        self.photo_correction = photo_correction;
-    }
-
-    /// Sets whether the holes of surfaces, where they are more than 5 %, are searched at the target, as
-    /// they are by default. Pictures in motion may do without: a frame of 270×480 pixels takes 60 ms in
-    /// place of 180 (two threads).
-    pub fn set_hole_search(&mut self, searches_holes: bool) {
-        self.searches_holes = searches_holes;
-    }
-
     /// The scene.
     pub fn scene(&self) -> &Scene {
         self.views().scene()
@@ -112,11 +96,6 @@ impl Synthesizer {
     /// Ends the runs of the model that [`Self::open`] opened from another thread; `None` without one.
     pub fn run_end(&self) -> Option<RunEnd> {
         self.run_end.clone()
-    }
-
-    /// The renderer, for another synthesizer.
-    pub fn into_renderer(self) -> Renderer {
-        self.renderer
     }
 
     /// Sets which layers it renders on; photos and their depth stay in memory.
@@ -187,7 +166,7 @@ impl Synthesizer {
     }
 
     /// Whether it needs the depth of the photos: for surface layers, and for planes unless photos stay
-    /// as they are ([`Self::set_photo_correction`]); guided layers do without.
+    /// as they are ([`Self::photo_correction`]); guided layers do without.
     pub fn uses_depth(&self) -> bool {
         match &self.layers {
             LayerSpec::Guided { .. } => false,
@@ -216,7 +195,7 @@ impl Synthesizer {
             photo_correction: self.photo_correction,
             searches_holes: self.searches_holes,
         };
-        let mut found = find_layers::<SynthesisError>(
+        let mut plan = find_layers::<SynthesisError>(
             &self.layers,
             &mut Carried::default(),
             &input,
@@ -224,12 +203,13 @@ impl Synthesizer {
             // The photos of a scene do not change, nor does their depth.
             |_| self.photos.with_depth(shot),
         )?;
-        let selection = found.selection.take();
-        let mut plan = Plan::found(found, started.elapsed());
         if !corrections.is_empty() {
-            plan = Plan { corrections, search: started.elapsed(), ..plan };
+            plan.corrections = corrections;
         }
-        let Some(selection) = selection else { return Ok(plan) };
+        if plan.source != LayerSource::Fixed || !plan.corrections.is_empty() {
+            plan.search = started.elapsed();
+        }
+        let Some(selection) = plan.selects.take() else { return Ok(plan) };
         let started = Instant::now();
         let frame = self.render_plan(shot, &plan, None)?;
         let layers = selection.planes(&frame, self.renderer.alpha())?;
@@ -261,7 +241,8 @@ impl Synthesizer {
             return Ok((photo_corrections(maps, &photos, rendered_from, target, correction), range));
         }
         let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction, self.searches_holes);
-        Ok((surface.corrections().to_vec(), surface.seen_range(range)))
+        let seen = surface.seen_range(range);
+        Ok((surface.corrections, seen))
     }
 
     /// How many pixels of a shot have each of these planes (1/scene unit, near → far) as their best

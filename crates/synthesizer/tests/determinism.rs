@@ -6,10 +6,10 @@ mod wheel;
 use std::path::Path;
 
 use liveview::geometry::{Camera, choose_views};
-use liveview::layers::{Layers, padded};
+use liveview::layers::Layers;
 use liveview::network::{Alpha, ExecutionProvider, NetworkError, OrtNetwork, PlaneNetwork};
 use liveview::render::{Frame, RenderRequest, Renderer};
-use liveview::warp::{SourceView, Texture, warp_sources};
+use liveview::warp::{SourceView, Texture};
 use liveview_scene::{Scene, SceneOptions};
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use ndarray::{ArrayView4, ArrayViewMut4, Axis};
@@ -46,9 +46,8 @@ impl Rig {
         let views: Vec<_> = self.views.iter().map(|(camera, texture)| SourceView { camera, texture }).collect();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let size = padded(self.target.size());
-            let pass = GuidedSearch::new(1.0, 8.0);
-            let range = pass.search(&warp_sources(&views, &self.target), size).unwrap().range;
+            let pass = GuidedSearch { near: 1.0, far: 8.0, planes: None };
+            let range = pass.search(&views, &self.target).unwrap().range;
             renderer.render(RenderRequest::new(&views, &self.target, &layers(&range))).unwrap()
         })
     }

@@ -83,23 +83,10 @@ fn assert_is_held_out_view(out: &TempDir) {
 }
 
 #[test]
-fn path_writes_frames_and_video() {
-    let out = run("path");
-    let frames = pictures(&out);
+fn path_writes_frames() {
+    let frames = pictures(&run("path"));
     assert_eq!(frames.len(), 12);
     assert_moves(&frames);
-    let video = std::fs::read(out.path().join("path.y4m")).unwrap();
-    let header = format!("YUV4MPEG2 W{WIDTH} H{HEIGHT} F12:1 Ip A1:1 C444\n");
-    assert!(video.starts_with(header.as_bytes()));
-    let (samples, size) = (WIDTH * HEIGHT, "FRAME\n".len() + 3 * WIDTH * HEIGHT);
-    assert_eq!(video.len(), header.len() + frames.len() * size);
-    for (frame, video) in frames.iter().zip(video[header.len()..].chunks_exact(size)) {
-        let luma = |rgb: &[f32]| 16.0 + 65.481 * rgb[0] + 128.553 * rgb[1] + 24.966 * rgb[2];
-        let expected = frame.data().chunks_exact(3).map(luma);
-        let error = expected.zip(&video[6..6 + samples]).map(|(a, &b)| (a - f32::from(b)).abs()).fold(0.0, f32::max);
-        // Both are rounded to 8 bits.
-        assert!(error <= 0.5 + 0.5 * 219.0 / 255.0 + 1e-3, "{error} of 255");
-    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
 use liveview::geometry::{PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_scene::View;
 use liveview_scene::cameras::MeanPose;
 use liveview_surface::parallax::{coverage, grid, parallax};
@@ -250,7 +250,7 @@ fn agreement(scene: &SceneArgs, target: usize, views: usize) -> (String, [Option
 
 fn known_agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, [Option<f64>; 2])> {
     let (surface, agreeing) = agreement::of_view(&scene.open_at(SMALL_WIDTH)?, target, views)?;
-    let confirmed = surface.map(|surface| surface.confirmed_share());
+    let confirmed = surface.map(|surface| surface.confirmed_share);
     let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     let mut text = format!(
         "agreement  the photos agree on {} of the pixels, and confirm {} of each other's depth\n",
@@ -269,7 +269,7 @@ fn exposure_gains(scene_views: &SceneViews, target: usize, views: usize) -> Resu
     let View { name, camera, .. } = &scene_views.scene().views[target];
     let chosen = scene_views.choose(name, camera, &[target], views)?;
     let surface = agreement::surface_of_view(scene_views, target, views)?;
-    let gains = surface.map_or_else(Vec::new, |surface| surface.corrections().iter().map(|view| view.gains).collect());
+    let gains = surface.map_or_else(Vec::new, |surface| surface.corrections.iter().map(|view| view.gains).collect());
     let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
     let mut text = format!("\nexposure   {:width$}   gain: red   green    blue\n", "view");

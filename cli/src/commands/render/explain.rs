@@ -83,7 +83,7 @@ impl ExplainArgs {
 /// The depth ranges of the pixels, and how many uniform planes would be spaced as closely.
 fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String, json: &mut Value) -> ImageRgb {
     let full_range = 1.0 / about.shot.near - 1.0 / about.shot.far;
-    let spans = range.nearest() - range.farthest();
+    let spans = &range.nearest - &range.farthest;
     let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / full_range).collect();
     let [median, percentile_95] = [0.5, 0.95].map(|fraction| quantile(&mut shares, fraction));
     let width = width_in_pixels(job.views(), about.shot, range);
@@ -113,7 +113,7 @@ fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb
     let widest = width.iter().copied().fold(0.0, f32::max);
     let size = (shot.target.height(), shot.target.width());
     let full = |map: &Array2<f32>| Array2::from_shape_fn(size, |(y, x)| map[(y / CELL, x / CELL)]);
-    let maps = [(range.nearest(), low, high), (range.farthest(), low, high), (width, 0.0, widest)]
+    let maps = [(&range.nearest, low, high), (&range.farthest, low, high), (width, 0.0, widest)]
         .map(|(map, low, high)| coloured(full(map).view(), low, high));
     side_by_side(&maps.each_ref())
 }
@@ -122,16 +122,16 @@ fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb
 fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<f32> {
     let views: Vec<(&Camera, PlaneSweep)> =
         views.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
-    Array2::from_shape_fn(range.nearest().dim(), |(y, x)| {
+    Array2::from_shape_fn(range.nearest.dim(), |(y, x)| {
         let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * CELL as f64;
-        let ends = (range.nearest()[(y, x)].into(), range.farthest()[(y, x)].into());
+        let ends = (range.nearest[(y, x)].into(), range.farthest[(y, x)].into());
         views.iter().filter_map(|(view, sweep)| parallax(view, sweep, pixel, ends)).fold(0.0, f64::max) as f32
     })
 }
 
 /// The surface, and the share of it that no photo's depth gives.
 fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
-    let holes = target_surface.surface().holes;
+    let holes = target_surface.surface.holes;
     let occluded = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(
         text,
@@ -143,7 +143,7 @@ fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut Str
     json["surface"] = json!({ "holes": holes, "occluded_share": occluded });
     let Shot { near, far, target, .. } = about.shot;
     let part = s![..target.height(), ..target.width()];
-    coloured(target_surface.surface().disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+    coloured(target_surface.surface.disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
 }
 
 /// Exposure gains and sharpening of the views, in their order.

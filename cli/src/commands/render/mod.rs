@@ -14,9 +14,9 @@ use std::time::Instant;
 use anyhow::{Error, Result, anyhow, bail};
 pub(crate) use args::RenderArgs;
 use explain::{Explained, Explanation};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::Score;
-use liveview_synthesizer::{LayerSpec, Plan, Shot, TargetSurface};
+use liveview_synthesizer::{LayerSpec, Plan, Shot};
 use outputs::{Outputs, disparity_max};
 use summary::Rendered;
 
@@ -181,7 +181,7 @@ fn render(
             score,
             uncovered_share,
             occluded_share: frame.occluded_pixels as f64 / pixels,
-            confirmed_share: plan.surface.as_ref().map(TargetSurface::confirmed_share),
+            confirmed_share: plan.surface.as_ref().map(|surface| surface.confirmed_share),
             agreeing_share: job.agreeing_share,
             disparity_max: disparity_max(&frame),
             files: outputs.files(&shot),

@@ -1,22 +1,23 @@
 //! The job of the reference implementations as a .npz file: a target, its photos and planes
 //! (`liveview_ref.rig_arrays`).
 
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Error, Result, anyhow};
 use liveview::Camera;
 use liveview::layers::uniform_disparities;
-use liveview_files::atomic::AtomicFile;
+use liveview_files::atomic;
 use liveview_synthesizer::{SceneViews, Shot};
 use ndarray::{Array1, Array2};
 use ndarray_npy::{NpzWriter, WriteNpzError};
 
-type Arrays = NpzWriter<AtomicFile>;
+type Arrays = NpzWriter<Cursor<Vec<u8>>>;
 
 /// Writes the photos that a shot is rendered from, their cameras, the target camera and uniform planes.
 pub(super) fn write_job(path: &Path, views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
     let unwritten = |error: WriteNpzError| unwritten(path, error);
-    let mut arrays = NpzWriter::new(AtomicFile::create(path).map_err(|error| self::unwritten(path, error))?);
+    let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
     for (index, &view) in shot.views.iter().enumerate() {
         add_camera(&mut arrays, &format!("view{index}"), &views.scene().views[view].camera).map_err(unwritten)?;
         let photo = views.scene().load_image(view)?;
@@ -27,7 +28,8 @@ pub(super) fn write_job(path: &Path, views: &SceneViews, shot: &Shot, planes: us
     arrays.add_array("target.size", &size).map_err(unwritten)?;
     let disparities = Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?);
     arrays.add_array("disparities", &disparities).map_err(unwritten)?;
-    arrays.finish().map_err(unwritten)?.finish().map_err(|error| self::unwritten(path, error))
+    let bytes = arrays.finish().map_err(unwritten)?.into_inner();
+    atomic::write(path, &bytes).map_err(|error| self::unwritten(path, error))
 }
 
 fn add_camera(arrays: &mut Arrays, name: &str, camera: &Camera) -> Result<(), WriteNpzError> {

@@ -16,7 +16,7 @@ use liveview::image::ImageRgb;
 use liveview::layers::uniform_disparities;
 use liveview::render::{RenderRequest, Renderer};
 use liveview_surface::{PhotoCorrection, Reuse, TargetSurface};
-use liveview_synthesizer::{Carried, FoundLayers, FrameInput, LayerSource, LayerSpec, find_layers};
+use liveview_synthesizer::{Carried, FrameInput, LayerSource, LayerSpec, find_layers};
 
 /// Renders the time steps of a rig, one after the other.
 pub struct LiveSession {
@@ -102,26 +102,24 @@ impl LiveSession {
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
             searches_holes: true,
         };
-        let FoundLayers { layers, source, selection, surface, .. } =
-            find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
-                Ok(self.depths.photos(&step, target, views.len(), reuse))
-            })?;
-        self.age = if matches!(source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
+        let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
+            Ok(self.depths.photos(&step, target, views.len(), reuse))
+        })?;
+        self.age = if matches!(plan.source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
         let renderer = &mut self.renderers[network];
-        let visibility = surface.as_ref().map(TargetSurface::visibility);
-        let corrections = surface.as_ref().map(TargetSurface::corrections).unwrap_or_default();
+        let visibility = plan.surface.as_ref().map(TargetSurface::visibility);
         let request = RenderRequest {
-            corrections,
+            corrections: &plan.corrections,
             visibility: visibility.as_ref(),
-            ..RenderRequest::new(&sources, target, &layers)
+            ..RenderRequest::new(&sources, target, &plan.layers)
         };
         let frame = renderer.render(request)?;
-        if let Some(selection) = selection {
+        if let Some(selection) = plan.selects {
             self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
-        Ok(LiveFrame { frame, layer_source: source, views, times })
+        Ok(LiveFrame { frame, layer_source: plan.source, views, times })
     }
 
     fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {

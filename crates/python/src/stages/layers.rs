@@ -1,9 +1,8 @@
 //! `liveview_ref.reference.layers`: planes, their selection, and the guided search.
 
 use liveview::geometry::Size;
-use liveview::layers::{self, Layers, padded};
+use liveview::layers::{self, Layers};
 use liveview::render::{Accumulated, Blended};
-use liveview::warp::warp_sources;
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use liveview_synthesizer::MAX_LAYERS;
 use ndarray::{Array3, Ix3};
@@ -101,7 +100,7 @@ pub(crate) fn guided_search<'py>(
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let planes = coarse_planes(planes)?;
     let found = compute(py, || searched(&photos, &target, (near, far), planes))?;
-    let [nearest, surface, farthest] = [found.nearest(), found.surface(), found.farthest()];
+    let [nearest, surface, farthest] = [&found.nearest, &found.surface, &found.farthest];
     let array = |map: &ndarray::Array2<f32>| map.clone().into_pyarray(py);
     named(py, "RangeMap", (array(nearest), array(surface), array(farthest)))
 }
@@ -164,8 +163,6 @@ fn searched(
     planes: Option<usize>,
 ) -> PyResult<RangeMap> {
     let views: Vec<_> = photos.iter().map(Photo::source).collect();
-    let mut search = GuidedSearch::new(near, far);
-    search.planes = planes;
-    let stages = search.search(&warp_sources(&views, target), padded(target.size()));
+    let stages = GuidedSearch { near, far, planes }.search(&views, target);
     Ok(stages.map_err(|error| value("near, far", error))?.range)
 }

@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use liveview::layers::{Layers, padded};
+use liveview::layers::Layers;
 use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
-use liveview::warp::warp_sources;
 use liveview_surface::guided::GuidedSearch;
 use liveview_synthesizer::LayerSpec;
-use liveview_synthesizer::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
+use liveview_synthesizer::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth, recommended_layers};
 use ndarray::Array4;
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
@@ -64,7 +63,7 @@ pub(crate) fn guided_search<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let views: Vec<_> = photos.iter().map(Photo::source).collect();
-    let found = GuidedSearch::new(range.0, range.1).search(&warp_sources(&views, &target), padded(target.size()));
+    let found = GuidedSearch { near: range.0, far: range.1, planes: None }.search(&views, &target);
     let found = found.map_err(library)?;
     let layers = found.range.layers(count).map_err(library)?;
     let arrays = PyDict::new(py);
@@ -186,7 +185,7 @@ pub(crate) fn render_scene<'py>(
         about.set_item("model", model.network.path())?;
         about.set_item("library", model.library.path())?;
         about.set_item("precision", &model.precision)?;
-        let recommended = model.recommended_layers();
+        let recommended = recommended_layers(&model.network);
         (model.into_renderer(), recommended)
     } else {
         about.set_item("model", py.None())?;
@@ -207,7 +206,8 @@ pub(crate) fn render_scene<'py>(
         let loaded = synthesizer.load(&shot, &[]).map_err(library)?;
         let (search, plan) = match *synthesizer.layers() {
             LayerSpec::Guided { layers, coarse_planes } => {
-                let search = loaded.search(coarse_planes).map_err(library)?;
+                let search = GuidedSearch { near: shot.near, far: shot.far, planes: coarse_planes };
+                let search = search.search(&loaded.sources(), &shot.target).map_err(library)?;
                 let layers = search.range.layers(layers).map_err(library)?;
                 (Some(search), Plan::known(layers))
             }

@@ -81,7 +81,7 @@ impl Recorded {
 pub(super) fn put_search(found: SearchStages, layers: &Layers, arrays: &Bound<'_, PyDict>) -> PyResult<()> {
     let py = arrays.py();
     let range = &found.range;
-    let range = [range.nearest(), range.surface(), range.farthest()].map(|map| map.view());
+    let range = [&range.nearest, &range.surface, &range.farthest].map(|map| map.view());
     arrays.set_item("range", stack(Axis(0), &range).expect("of one size").into_pyarray(py))?;
     let map = |layer: &Layer| if let Layer::Map(map) = layer { Some(map.clone()) } else { None };
     let maps: Vec<_> = layers.as_slice().iter().filter_map(map).collect();
@@ -144,5 +144,5 @@ pub(super) fn put_depths(depths: Vec<ViewDepth>, plan: &Plan, arrays: &Bound<'_,
     for (index, used) in surface.visibility().disparities.into_iter().enumerate() {
         arrays.set_item(format!("used{index}"), used.clone().into_pyarray(py))?;
     }
-    arrays.set_item("surface", surface.surface().disparity.clone().into_pyarray(py))
+    arrays.set_item("surface", surface.surface.disparity.clone().into_pyarray(py))
 }

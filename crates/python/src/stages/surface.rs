@@ -62,7 +62,7 @@ pub(crate) fn surface<'py>(
     check_range(near, far)?;
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(library::surface(&views, &target, near, far))
+        Ok(library::surface(&views, &target, (near, far), true))
     })?;
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, found.holes))
 }

@@ -5,12 +5,11 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::colmap::model::Model;
-use super::{colmap, json, llff, ply, realestate10k, spaces, transforms};
-use crate::photos::lookup::PhotoLookup;
-use crate::pose_file::safe_name;
-use crate::view::{self, View};
-use crate::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions};
+use crate::formats::colmap::Model;
+use crate::formats::{colmap, llff, points, realestate10k, spaces, transforms};
+use crate::photos::PhotoLookup;
+use crate::scene_file::{self, safe_name};
+use crate::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions, View, view};
 use liveview::geometry::Size;
 use liveview::image::ImageRgb;
 
@@ -45,7 +44,7 @@ fn photos(folder: &str, count: usize) -> PhotoList {
 /// Reads a `transforms.json`.
 pub fn transforms(bytes: &[u8]) -> Opened {
     let path = Path::new("scene/transforms.json");
-    finish(transforms::views(&json::parse(path, bytes)?, None, PhotoLookup::new(&AnyPhoto, path))?)
+    finish(transforms::views(&scene_file::parse(path, bytes)?, None, PhotoLookup::new(&AnyPhoto, path))?)
 }
 
 /// Reads the points of a PLY file.
@@ -54,7 +53,7 @@ pub fn transforms(bytes: &[u8]) -> Opened {
 ///
 /// The message says what is wrong and what was expected.
 pub fn ply(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
-    ply::points(bytes)
+    points::ply_points(bytes)
 }
 
 /// Reads a `models.json`.

@@ -14,8 +14,8 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use ndarray::ArrayView2;
 
-use crate::photos::lookup::{PhotoLookup, list_photos};
-use crate::pose_file::{pixels, read};
+use crate::photos::{PhotoLookup, list_photos};
+use crate::scene_file::{pixels, read};
 use crate::{DeclaredView, DeclaredViews, Distortion, Photo, PhotoList, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size};
 use liveview_files::npy;

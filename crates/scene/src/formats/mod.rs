@@ -3,10 +3,8 @@
 mod colmap;
 #[cfg(fuzzing)]
 pub mod fuzz;
-mod json;
 mod llff;
-mod ply;
-mod points_range;
+mod points;
 mod realestate10k;
 mod spaces;
 pub(super) mod transforms;
@@ -14,9 +12,9 @@ pub(super) mod transforms;
 use std::fs;
 use std::path::Path;
 
-use liveview_files::has_extension;
-
 use super::{DeclaredViews, Format, PhotoSource, SceneError, SceneOptions};
+
+use liveview_files::has_extension;
 
 /// How the files of a format are recognised and read.
 pub(super) struct Reader {

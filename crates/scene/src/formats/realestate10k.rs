@@ -11,8 +11,8 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 
-use crate::photos::lookup::{PhotoLookup, list_photos};
-use crate::pose_file::{abbreviated, read, text};
+use crate::photos::{PhotoLookup, list_photos};
+use crate::scene_file::{abbreviated, read, text};
 use crate::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::Intrinsics;
 

@@ -14,9 +14,8 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use super::json::{Fields, parse};
-use crate::photos::lookup::PhotoLookup;
-use crate::pose_file::read_json;
+use crate::photos::PhotoLookup;
+use crate::scene_file::{Fields, parse, read_json};
 use crate::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size};
 

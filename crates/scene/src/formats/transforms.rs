@@ -7,20 +7,18 @@
 //! half-integers, for the whole file or per frame; `camera_angle_x` (horizontal field of view,
 //! radians) replaces a missing `fl_x`. Distortion is OpenCV's: k1, k2, k3, p1, p2; of `FULL_OPENCV`
 //! also k4 to k6; of a fisheye k1 to k4. `near` and `far` (scene units) are not part of the format
-//! but are used if present; else the range is that of the scene's points ([`super::points_range`]).
+//! but are used if present; else the range is that of the scene's points ([`crate::formats::points`]).
 
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::json::{Fields, parse};
-use super::points_range;
-use crate::cameras::split_json_matrix;
-use crate::masks;
-use crate::photos::lookup::PhotoLookup;
-use crate::pose_file::read_json;
-use crate::undistort::{Distortion, FISHEYES, PINHOLES};
-use crate::{DeclaredView, DeclaredViews, PhotoSource, SceneError, SceneOptions};
+use crate::cameras::camera_file::split_json_matrix;
+use crate::formats::points;
+use crate::photos::PhotoLookup;
+use crate::scene_file::{Fields, mask_note, parse, read_json};
+use crate::undistort::{FISHEYES, PINHOLES};
+use crate::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size, cam_from_opengl_world};
 
 /// Its names in a scene folder, in order of precedence, and those of the synthetic scenes' other
@@ -50,7 +48,7 @@ pub(crate) fn open_file(
 ) -> Result<DeclaredViews, SceneError> {
     let file = parse(path, &read_json(path)?)?;
     let mut found = views(&file, options.images.as_deref(), PhotoLookup::new(photos, path))?;
-    points_range::fill(root, path, &file, &mut found);
+    points::fill(root, path, &file, &mut found);
     if path.ends_with(NAMES[1]) {
         let others = OTHERS.into_iter().filter(|name| root.join(name).is_file());
         found.notes.extend(others.map(|name| format!("{name}: not read; to read it, give it in place of the folder")));
@@ -82,7 +80,7 @@ fn add_view(frame: Fields<'_>, folder: Option<&str>, lookup: &mut PhotoLookup<'_
     let Some(photo) = name.and_then(|name| lookup.find(&name)).transpose() else { return Ok(()) };
     let distortion = distortion(frame, lookup)?;
     if frame.text("mask_path").is_ok() {
-        lookup.note(masks::note("mask_path"));
+        lookup.note(mask_note("mask_path"));
     }
     let photo = photo?;
     let size = match (frame.side("w")?, frame.side("h")?) {

@@ -4,12 +4,11 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use ndarray::{Array2, ShapeBuilder, array};
 use ndarray_npy::{NpzWriter, WritableElement};
+use super::*;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::key::{DepthKey, PhotoDigest};
-use super::{DepthCache, file};
-use crate::search::PhotoDepth;
+use crate::PhotoDepth;
 use liveview::geometry::{Camera, Intrinsics, Size};
 use liveview::image::ImageRgb;
 use liveview::warp::Texture;
@@ -23,7 +22,7 @@ fn depth() -> PhotoDepth {
 
 /// A complete file of the depth of [`KEY`].
 fn complete() -> Vec<u8> {
-    file::write(Cursor::new(Vec::new()), &KEY, &depth()).unwrap().into_inner()
+    write(&KEY, &depth()).unwrap()
 }
 
 /// A file with this array in place of the right one.
@@ -68,18 +67,18 @@ fn same(a: &PhotoDepth, b: &PhotoDepth) -> bool {
 
 #[track_caller]
 fn assert_refused(bytes: &[u8], words: &[&str]) {
-    let message = file::read(bytes, &KEY).unwrap_err().to_string();
+    let message = read(bytes, &KEY).unwrap_err().to_string();
     words.iter().for_each(|word| assert!(message.contains(word), "\"{word}\" is missing in: {message}"));
     assert!(message.contains("; expected ") && !message.contains('\n'), "{message}");
 }
 
 #[test]
 fn file_round_trip_gives_the_same_bits() {
-    assert!(same(&file::read(&complete(), &KEY).unwrap(), &depth()));
+    assert!(same(&read(&complete(), &KEY).unwrap(), &depth()));
     // In column order, as numpy may store it.
     let mut columns = Array2::zeros((5, 7).f());
     columns.assign(&depth().disparity);
-    assert!(same(&file::read(&with("disparity", &columns), &KEY).unwrap(), &depth()));
+    assert!(same(&read(&with("disparity", &columns), &KEY).unwrap(), &depth()));
 }
 
 #[test]
@@ -111,7 +110,7 @@ fn value_out_of_range_is_an_error() {
         assert_refused(&with("pixel", &ndarray::arr0(value)), &words);
     }
     for value in [3e-8_f32, 0.375] {
-        file::read(&with("pixel", &ndarray::arr0(value)), &KEY).unwrap();
+        read(&with("pixel", &ndarray::arr0(value)), &KEY).unwrap();
     }
 }
 
@@ -145,13 +144,13 @@ fn hostile_array_is_an_error() {
 #[test]
 fn damaged_file_never_changes_a_depth() {
     let (complete, depth) = (complete(), depth());
-    (0..complete.len()).for_each(|length| drop(file::read(&complete[..length], &KEY).unwrap_err()));
+    (0..complete.len()).for_each(|length| drop(read(&complete[..length], &KEY).unwrap_err()));
     let mut refused = 0;
     for at in 0..complete.len() {
         for change in [1, 0x10, 0x80, 0xFF] {
             let mut damaged = complete.clone();
             damaged[at] ^= change;
-            match file::read(&damaged, &KEY) {
+            match read(&damaged, &KEY) {
                 Ok(read) => assert!(same(&read, &depth), "byte {at} changed by {change:#x}"),
                 Err(_) => refused += 1,
             }
@@ -235,7 +234,7 @@ fn cache_creates_its_folder_and_replaces_damaged_files() {
 fn file_written_by_numpy_is_read() {
     let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/seeds/depth");
     for name in ["stored", "deflated_columns"] {
-        let read = file::read(&std::fs::read(seeds.join(name)).unwrap(), &KEY).unwrap();
+        let read = read(&std::fs::read(seeds.join(name)).unwrap(), &KEY).unwrap();
         assert!((&read.disparity - &depth().disparity).iter().all(|apart| apart.abs() < 1e-6), "{name}");
         assert_eq!(read.disparity_per_pixel, depth().disparity_per_pixel, "{name}");
     }

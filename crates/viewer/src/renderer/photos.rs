@@ -8,7 +8,7 @@ use anyhow::Result;
 use liveview::geometry::distance;
 use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{
     FoundDepth, LayerSpec, LoadedShot, Scene, ScenePhotos, Shot, Synthesizer, TargetCamera, Targets,
@@ -139,9 +139,9 @@ impl Source for Photos {
     }
 
     fn render_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Rendered> {
-        self.synthesizer.set_hole_search(false);
+        self.synthesizer.searches_holes = false;
         let rendered = self.render(&viewpoint.camera, self.motion_layers.clone());
-        self.synthesizer.set_hole_search(true);
+        self.synthesizer.searches_holes = true;
         rendered
     }
 

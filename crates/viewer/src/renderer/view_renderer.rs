@@ -8,7 +8,7 @@ use anyhow::Result;
 use liveview::image::encode;
 use liveview::ndarray::Array2;
 use liveview::{Camera, Frame, ImageRgb};
-use liveview_live::agreement;
+use liveview_synthesizer::agreement;
 use liveview_synthesizer::Score;
 use liveview_synthesizer::colormap::coloured;
 use serde_json::{Value, json};

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::model::{MODELS, Model, ModelFormat, Registered, lens, rotation};
 use crate::SceneError;
+use crate::formats::colmap::{MODELS, Model, ModelFormat, Registered, lens, rotation};
 use liveview::geometry::Size;
 
 pub(in crate::formats) const FORMAT: ModelFormat =

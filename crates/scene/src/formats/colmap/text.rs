@@ -5,9 +5,9 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::model::{Model, ModelFormat, Registered, lens, rotation};
 use crate::SceneError;
-use crate::pose_file::text;
+use crate::formats::colmap::{Model, ModelFormat, Registered, lens, rotation};
+use crate::scene_file::text;
 use liveview::geometry::Size;
 
 pub(in crate::formats) const FORMAT: ModelFormat =

@@ -1,0 +1,297 @@
+//! Semi-global aggregation of a photo's matching costs (Hirschmüller, 2008): four paths, with a
+//! lower penalty for jumps at the photo's edges.
+//!
+//! Along a path (right, left, down, up) the cost of index d at a cell is L(d) = C(d) + min(L'(d),
+//! L'(d − 1) + P1, L'(d + 1) + P1, m + P2) − m with L' of the previous cell and m its minimum; L =
+//! C at the first cell. P1 = 0.01, P2 = max(0.12 / (1 + |ΔRGB| / 0.05), 1.01·P1), |ΔRGB| the mean
+//! over the channels of the difference of colour from the previous cell, both in units of the
+//! volume (1/32768), rounded to nearest (halves away from 0). L' is infinite (40,000) for an index
+//! that the previous cell is not searched at.
+//!
+//! The cell's index is the one with the smallest sum over the four paths (ties: the nearer; planes
+//! that only fill the last segment beyond the grid's end take part in the paths and are never
+//! chosen). Where its two neighbours are candidates too it moves to the vertex of the parabola
+//! through the three sums: by (a − c) / (2·(a − 2b + c)). Integers (u16); the parabola is in f32.
+
+use rayon::prelude::*;
+
+use crate::grid::{Candidates, Grid, Planes, SEGMENT};
+use crate::photo_sweep::COST_SCALE;
+
+/// Columns that one task processes down and up.
+const BLOCK_COLUMNS: usize = 16;
+
+/// A row of a block of columns: the sums of its cells, and the indices found.
+type BlockRow<'a> = (&'a mut [u16], &'a mut [f32]);
+
+/// The index found at each cell, `[h, w]`, a fraction between two of the grid.
+pub(crate) fn aggregate(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidates<'_>) -> Vec<f32> {
+    let (width, count) = (photo.width, candidates.count(grid));
+    let penalties = Penalties::new(photo);
+    let paths = Paths { costs, penalties: &penalties, candidates, grid, width, count };
+    let mut sums = vec![0; costs.len()];
+    let rows = sums.par_chunks_mut(width * count).enumerate();
+    rows.for_each_init(|| PathEnds::new(&paths, 1), |ends, (y, sums)| across(&paths, y, ends, sums));
+    let mut found = vec![0.0; width * photo.height];
+    let mut blocks: Vec<Vec<BlockRow<'_>>> = (0..width.div_ceil(BLOCK_COLUMNS)).map(|_| Vec::new()).collect();
+    for (sums, found) in sums.chunks_mut(width * count).zip(found.chunks_mut(width)) {
+        let parts = sums.chunks_mut(BLOCK_COLUMNS * count).zip(found.chunks_mut(BLOCK_COLUMNS));
+        parts.zip(&mut blocks).for_each(|(part, block)| block.push(part));
+    }
+    blocks.par_iter_mut().enumerate().for_each_init(
+        || PathEnds::new(&paths, BLOCK_COLUMNS),
+        |ends, (index, block)| down_and_up(&paths, index * BLOCK_COLUMNS, ends, block),
+    );
+    found
+}
+
+/// Right and left along row `y`; `sums` becomes the sum of both paths.
+#[pulp::with_simd(across = liveview::simd::arch())]
+#[inline(always)]
+fn across_with<'a, S: pulp::Simd>(
+    _simd: S,
+    paths: &'a Paths<'a>,
+    y: usize,
+    ends: &'a mut PathEnds,
+    sums: &'a mut [u16],
+) {
+    sums.fill(0);
+    let jumps = &paths.penalties.jump_across[y * paths.width..];
+    for x in 0..paths.width {
+        let from = (x > 0).then(|| ((y, x - 1), jumps[x]));
+        paths.advance(0, from, (y, x), ends, &mut sums[x * paths.count..(x + 1) * paths.count]);
+    }
+    for x in (0..paths.width).rev() {
+        let from = (x + 1 < paths.width).then(|| ((y, x + 1), jumps[x + 1]));
+        paths.advance(0, from, (y, x), ends, &mut sums[x * paths.count..(x + 1) * paths.count]);
+    }
+}
+
+/// Down and up the columns of a block, from `first` on, to the index of each cell.
+#[pulp::with_simd(down_and_up = liveview::simd::arch())]
+#[inline(always)]
+fn down_and_up_with<'a, S: pulp::Simd>(
+    _simd: S,
+    paths: &'a Paths<'a>,
+    first: usize,
+    ends: &'a mut PathEnds,
+    block: &'a mut [BlockRow<'_>],
+) {
+    let (height, count) = (block.len(), paths.count);
+    let columns = block[0].1.len();
+    let jumps = &paths.penalties.jump_down;
+    for (y, (row, _)) in block.iter_mut().enumerate() {
+        for i in 0..columns {
+            let x = first + i;
+            let from = (y > 0).then(|| ((y - 1, x), jumps[y * paths.width + x]));
+            paths.advance(i, from, (y, x), ends, &mut row[i * count..(i + 1) * count]);
+        }
+    }
+    for (y, (row, found)) in block.iter_mut().enumerate().rev() {
+        for i in 0..columns {
+            let x = first + i;
+            let from = (y + 1 < height).then(|| ((y + 1, x), jumps[(y + 1) * paths.width + x]));
+            let sums = &mut row[i * count..(i + 1) * count];
+            paths.advance(i, from, (y, x), ends, sums);
+            found[i] = best_index(paths, (y, x), sums);
+        }
+    }
+}
+
+/// The index of the smallest sum, refined by the parabola through its neighbours.
+#[inline(always)]
+fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
+    let end = match paths.candidates {
+        Candidates::All => paths.grid.count,
+        // The cell has no second segment.
+        Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
+        Candidates::Segments { .. } => sums.len(),
+    };
+    let smallest = minimum(&sums[..end]);
+    let k = sums.iter().position(|&sum| sum == smallest).unwrap_or(0);
+    let index = paths.candidates.index(cell, k);
+    let is_adjacent = |other: usize| paths.candidates.index(cell, other).abs_diff(index) == 1;
+    if k == 0 || k + 1 == end || !is_adjacent(k - 1) || !is_adjacent(k + 1) {
+        return index as f32;
+    }
+    let [nearer, here, farther] = [sums[k - 1], sums[k], sums[k + 1]].map(f32::from);
+    let curvature = nearer - 2.0 * here + farther;
+    index as f32 + if curvature > 0.0 { 0.5 * (nearer - farther) / curvature } else { 0.0 }
+}
+
+/// Above the sum of a path, and far enough below `u16::MAX` that penalties can be added.
+const INFINITE: u16 = 40_000;
+
+/// Costs of all cells, and the penalties between them.
+struct Paths<'a> {
+    pub(crate) costs: &'a [u16],
+    pub(crate) penalties: &'a Penalties,
+    pub(crate) candidates: Candidates<'a>,
+    pub(crate) grid: &'a Grid,
+    /// Cells per row.
+    pub(crate) width: usize,
+    /// Candidates per cell.
+    pub(crate) count: usize,
+}
+
+/// L of the last cell of several parallel paths.
+struct PathEnds {
+    /// L of each path's last cell, between two infinite values.
+    previous: Vec<u16>,
+    next: Vec<u16>,
+    /// The minimum of each path's L.
+    minimum: Vec<u16>,
+    /// L by index of the grid; infinite except while a step uses it.
+    by_index: Vec<u16>,
+}
+
+impl PathEnds {
+    /// Of that many parallel paths.
+    pub(crate) fn new(paths: &Paths<'_>, number: usize) -> Self {
+        let padded = paths.count + 2;
+        let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count + 2 * SEGMENT + 2 };
+        Self {
+            previous: vec![INFINITE; number * padded],
+            next: vec![INFINITE; padded],
+            minimum: vec![0; number],
+            by_index: vec![INFINITE; indices],
+        }
+    }
+}
+
+impl Paths<'_> {
+    /// Advances path number `path` to `cell` from the previous cell, with the penalty of a jump
+    /// between them (`None`: the path begins here), and adds L to the cell's sums.
+    #[inline(always)]
+    pub(crate) fn advance(
+        &self,
+        path: usize,
+        from: Option<((usize, usize), u16)>,
+        cell: (usize, usize),
+        ends: &mut PathEnds,
+        sums: &mut [u16],
+    ) {
+        let count = self.count;
+        let costs = &self.costs[(cell.0 * self.width + cell.1) * count..][..count];
+        let previous = &mut ends.previous[path * (count + 2)..][..count + 2];
+        let starts_of = |(y, x): (usize, usize)| match self.candidates {
+            // As two segments that adjoin: together they are all candidates.
+            Candidates::All => [0, SEGMENT as u16],
+            Candidates::Segments { starts, columns, cells_per_side } => {
+                starts[y / cells_per_side * columns + x / cells_per_side]
+            }
+        };
+        let new = starts_of(cell);
+        // Candidates that the cell has.
+        let used = if new[1] == Candidates::NO_SEGMENT { SEGMENT } else { count };
+        let Some((from, jump)) = from else {
+            previous[1..=used].copy_from_slice(&costs[..used]);
+            previous[used + 1..=count].fill(INFINITE);
+            sums[..used].iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
+            sums[used..].fill(u16::MAX);
+            ends.minimum[path] = minimum(&costs[..used]);
+            return;
+        };
+        let (best, step) = (ends.minimum[path], self.penalties.step);
+        let jump = best + jump;
+        let next = &mut ends.next;
+        let old = starts_of(from);
+        if old == new && (used == SEGMENT || old[0] + SEGMENT as u16 == old[1]) {
+            let (previous, costs) = (&previous[..used + 2], &costs[..used]);
+            path_costs(previous, costs, (best, step, jump), &mut next[1..=used], &mut sums[..used]);
+        } else {
+            // Index d is at d + 1.
+            let by_index = &mut ends.by_index;
+            let segments = |starts: [u16; 2]| {
+                let present = starts.into_iter().filter(|&start| start != Candidates::NO_SEGMENT);
+                present.map(usize::from).enumerate()
+            };
+            for (segment, start) in segments(old) {
+                let values = &previous[1 + segment * SEGMENT..][..SEGMENT];
+                by_index[start + 1..][..SEGMENT].copy_from_slice(values);
+            }
+            for (segment, start) in segments(new) {
+                let part = segment * SEGMENT..(segment + 1) * SEGMENT;
+                let (next, sums) = (&mut next[1..][part.clone()], &mut sums[part.clone()]);
+                path_costs(&by_index[start..start + SEGMENT + 2], &costs[part], (best, step, jump), next, sums);
+            }
+            for (_, start) in segments(old) {
+                by_index[start + 1..][..SEGMENT].fill(INFINITE);
+            }
+        }
+        next[used + 1..=count].fill(INFINITE);
+        sums[used..].fill(u16::MAX);
+        previous[1..=count].copy_from_slice(&next[1..=count]);
+        ends.minimum[path] = minimum(&previous[1..=count]);
+    }
+}
+
+/// The smallest of the values, a vector at a time.
+#[inline(always)]
+fn minimum(values: &[u16]) -> u16 {
+    let (chunks, rest) = values.as_chunks::<SEGMENT>();
+    let mut minimum = [u16::MAX; SEGMENT];
+    for values in chunks {
+        (0..SEGMENT).for_each(|i| minimum[i] = minimum[i].min(values[i]));
+    }
+    minimum.iter().chain(rest).fold(u16::MAX, |minimum, &value| minimum.min(value))
+}
+
+/// L of consecutive candidates, added to their sums; `previous` has one more value on each side.
+#[inline(always)]
+fn path_costs(
+    previous: &[u16],
+    costs: &[u16],
+    (best, step, jump): (u16, u16, u16),
+    next: &mut [u16],
+    sums: &mut [u16],
+) {
+    let count = costs.len();
+    let (nearer, same, farther) = (&previous[..count], &previous[1..=count], &previous[2..count + 2]);
+    for k in 0..count {
+        let beside = nearer[k].min(farther[k]) + step;
+        let cheapest = same[k].min(beside).min(jump);
+        next[k] = costs[k] + (cheapest - best);
+        sums[k] += next[k];
+    }
+}
+
+/// P1: change to the next index.
+pub(crate) const STEP_PENALTY: f32 = 0.01;
+/// P2 where the photo has no edge: change to any other index.
+pub(crate) const JUMP_PENALTY: f32 = 0.12;
+/// Difference of colour (mean over the channels) that halves P2.
+pub(crate) const EDGE_CONTRAST: f32 = 0.05;
+
+/// Penalties in units of the cost volume.
+pub(crate) struct Penalties {
+    pub(crate) step: u16,
+    /// Of a jump from the cell to the left, at each cell.
+    jump_across: Vec<u16>,
+    /// Of a jump from the cell above, at each cell.
+    jump_down: Vec<u16>,
+}
+
+impl Penalties {
+    pub(crate) fn new(photo: &Planes) -> Self {
+        let (width, height) = (photo.width, photo.height);
+        let step = (STEP_PENALTY * COST_SCALE).round();
+        let jump = |difference: f32| {
+            let jump = JUMP_PENALTY / (1.0 + difference / 3.0 / EDGE_CONTRAST);
+            (jump.max(1.01 * STEP_PENALTY) * COST_SCALE).round() as u16
+        };
+        let (mut across, mut down) = (vec![0; width * height], vec![0; width * height]);
+        let rows = across.par_chunks_mut(width).zip(down.par_chunks_mut(width)).enumerate();
+        rows.for_each(|(y, (across, down))| {
+            let here: [&[f32]; 3] = std::array::from_fn(|c| photo.row(c, y));
+            let above: [&[f32]; 3] = std::array::from_fn(|c| photo.row(c, y.saturating_sub(1)));
+            for x in 0..width {
+                let left = x.saturating_sub(1);
+                let difference = |c: usize| ((here[c][x] - here[c][left]).abs(), (here[c][x] - above[c][x]).abs());
+                let [r, g, b] = [difference(0), difference(1), difference(2)];
+                (across[x], down[x]) = (jump((r.0 + g.0) + b.0), jump((r.1 + g.1) + b.1));
+            }
+        });
+        Self { step: step as u16, jump_across: across, jump_down: down }
+    }
+}

@@ -1,0 +1,240 @@
+//! What photos confirm of each other's depth, and which points of a surface a photo sees.
+//!
+//! A pixel of one map, projected into another photo, is compared with that photo's own depth at the
+//! pixel it falls on (floor of its coordinates; outside the photo there is no vote). The other map
+//! **agrees** where the two disparities differ by less than 2 px, and **contradicts** where its own
+//! depth lies more than 4 px behind: it sees past the point. Disparities are those of the other
+//! photo; px is the first photo's disparity per pixel. A depth is confirmed where at least one map
+//! agrees and no more contradict than agree.
+//!
+//! Projection of a pixel into another camera: for pixel p at disparity δ: (u, v, w) = H∞ p + δ e ([`PlaneSweep`]); its position is (u/w, v/w),
+//! its disparity in the other camera δ/w, and it lies in front of that camera iff w > 0. In f64,
+//! rounded once.
+
+use glam::{DMat3, DVec3};
+use ndarray::Array2;
+use rayon::prelude::*;
+
+use crate::PhotoDepth;
+use liveview::geometry::{Camera, PlaneSweep};
+use liveview::warp::{RUN, round_to_i32};
+
+/// Another map agrees with a depth within this, px.
+const AGREEMENT_PX: f32 = 2.0;
+/// Another map contradicts a depth from this far behind it on, px.
+const CONTRADICTION_PX: f32 = 4.0;
+
+/// A vote for a depth and one against it.
+const AGREES: u8 = 1;
+const CONTRADICTS: u8 = 2;
+/// A vote against a depth in a total: up to 255 of each kind stay apart.
+const TOTAL_AGAINST: u16 = 256;
+
+/// Votes of another photo's map on each pixel of a photo's map, `[h, w]`; independent of which
+/// other maps take part.
+#[derive(Debug, Clone)]
+pub struct ConsistencyVotes(Array2<u8>);
+
+impl ConsistencyVotes {
+    /// The votes of the map `other` on `map`.
+    pub fn new((camera, map): (&Camera, &PhotoDepth), (other_camera, other): (&Camera, &PhotoDepth)) -> Self {
+        let sweep = PlaneSweep::new(other_camera, camera);
+        let px = map.disparity_per_pixel;
+        let margins = (AGREEMENT_PX * px, -CONTRADICTION_PX * px);
+        let mut votes = Array2::zeros(map.disparity.dim());
+        let width = votes.ncols();
+        let rows = votes.as_slice_mut().expect("standard order").par_chunks_mut(width).enumerate();
+        rows.for_each_init(Projected::default, |projected, (y, votes)| {
+            project_row(&sweep, y, map.disparity.row(y).to_slice().expect("standard order"), projected);
+            vote_row(projected, other, margins, votes);
+        });
+        Self(votes)
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.0.len()
+    }
+}
+
+#[pulp::with_simd(vote_row = liveview::simd::arch())]
+#[inline(always)]
+fn vote_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    points: &'a Projected,
+    other: &'a PhotoDepth,
+    (agreement, contradiction): (f32, f32),
+    votes: &'a mut [u8],
+) {
+    let (rows, columns) = other.disparity.dim();
+    let other_disparity = other.disparity.as_slice().expect("standard order");
+    let (right, bottom) = (columns as f32, rows as f32);
+    let points = points.x.iter().zip(&points.y).zip(&points.disparity);
+    for (((&x, &y), &disparity), vote) in points.zip(votes) {
+        if (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom) {
+            let pixel = |at: f32| round_to_i32(at.floor()) as usize;
+            let nearer = other_disparity[pixel(y) * columns + pixel(x)] - disparity;
+            *vote = AGREES * u8::from(nearer.abs() < agreement) + CONTRADICTS * u8::from(nearer < contradiction);
+        }
+    }
+}
+
+/// Pixels `[h, w]` of a photo's map that the votes of other photos' maps confirm; none without
+/// votes.
+pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<bool> {
+    let mut totals = Array2::<u16>::zeros(shape);
+    for ConsistencyVotes(votes) in votes {
+        totals.zip_mut_with(votes, |total, &vote| {
+            *total += u16::from(vote & AGREES) + TOTAL_AGAINST * u16::from(vote / CONTRADICTS);
+        });
+    }
+    totals.mapv(|total| total % TOTAL_AGAINST >= 1 && total % TOTAL_AGAINST >= total / TOTAL_AGAINST)
+}
+
+/// What other maps confirm of a map.
+pub(crate) fn confirmed_by<'a>(
+    own: (&Camera, &PhotoDepth),
+    others: impl Iterator<Item = (&'a Camera, &'a PhotoDepth)>,
+) -> ConfirmedDepth {
+    let votes: Vec<_> = others.map(|other| ConsistencyVotes::new(own, other)).collect();
+    ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
+}
+
+/// Disparities of a photo that other photos confirm.
+#[derive(Debug, Clone)]
+pub struct ConfirmedDepth {
+    /// 1/scene unit, `[h, w]`; −1 where it is not confirmed.
+    pub disparity: Array2<f32>,
+    /// Disparity that moves a point by one pixel ([`PhotoDepth::disparity_per_pixel`]).
+    pub disparity_per_pixel: f32,
+}
+
+impl ConfirmedDepth {
+    /// The confirmed pixels (`[h, w]`) of a depth map.
+    pub fn new(depth: &PhotoDepth, confirmed: &Array2<bool>) -> Self {
+        let keep = |&disparity: &f32, &confirmed: &bool| if confirmed { disparity } else { -1.0 };
+        let disparity = ndarray::Zip::from(&depth.disparity).and(confirmed).map_collect(keep);
+        Self { disparity, disparity_per_pixel: depth.disparity_per_pixel }
+    }
+
+    /// Share of the pixels that are confirmed, 0 to 1.
+    pub fn share(&self) -> f64 {
+        let confirmed = self.disparity.iter().filter(|&&disparity| disparity >= 0.0).count();
+        confirmed as f64 / self.disparity.len().max(1) as f64
+    }
+}
+
+/// 1 where the view sees the point of each pixel of the target at `disparity` (row by row, `width`
+/// wide), 0 where the view's own confirmed depth, at the pixel that the point projects to, is nearer
+/// by `margin` (1/scene unit), −1 where it is farther by `margin`: the view sees past the point.
+pub(crate) fn visible(
+    (camera, depth): (&Camera, &ConfirmedDepth),
+    target: &Camera,
+    disparity: &[f32],
+    width: usize,
+    margin: f32,
+) -> Vec<f32> {
+    let sweep = PlaneSweep::new(camera, target);
+    let mut seen = vec![1.0; disparity.len()];
+    let rows = seen.par_chunks_mut(width).zip(disparity.par_chunks(width)).enumerate();
+    rows.for_each_init(Projected::default, |projected, (y, (seen, disparity))| {
+        project_row(&sweep, y, disparity, projected);
+        visible_row(projected, depth, margin, seen);
+    });
+    seen
+}
+
+#[pulp::with_simd(visible_row = liveview::simd::arch())]
+#[inline(always)]
+fn visible_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    points: &'a Projected,
+    depth: &'a ConfirmedDepth,
+    margin: f32,
+    seen: &'a mut [f32],
+) {
+    let (rows, columns) = depth.disparity.dim();
+    let own_disparity = depth.disparity.as_slice().expect("standard order");
+    let (right, bottom) = (columns as f32, rows as f32);
+    let runs = points.x.chunks(RUN).zip(points.y.chunks(RUN)).zip(points.disparity.chunks(RUN));
+    // Indices, look-ups and comparisons apart: the first and the last vectorise.
+    let (mut pixels, mut own) = ([OUTSIDE; RUN], [-1.0; RUN]);
+    for (((x, y), disparity), seen) in runs.zip(seen.chunks_mut(RUN)) {
+        for ((pixel, &x), &y) in pixels.iter_mut().zip(x).zip(y) {
+            let inside = (x >= 0.0) & (y >= 0.0) & (x < right) & (y < bottom);
+            let index = round_to_i32(y.floor()) * columns as i32 + round_to_i32(x.floor());
+            *pixel = if inside { index as u32 } else { OUTSIDE };
+        }
+        for (own, &pixel) in own.iter_mut().zip(&pixels[..x.len()]) {
+            *own = own_disparity.get(pixel as usize).copied().unwrap_or(-1.0);
+        }
+        for ((seen, &own), &disparity) in seen.iter_mut().zip(&own).zip(disparity) {
+            let past = (own >= 0.0) & (disparity - own >= margin);
+            *seen = match (past, own - disparity < margin) {
+                (true, _) => -1.0,
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            };
+        }
+    }
+}
+
+/// Index of the pixel of a point outside the photo.
+const OUTSIDE: u32 = u32::MAX;
+
+/// A row of pixels projected into another camera.
+#[derive(Default)]
+pub(crate) struct Projected {
+    /// Column and row in pixels, the centre of the first at 0.5; −1 where the point lies behind the
+    /// camera.
+    pub(crate) x: Vec<f32>,
+    pub(crate) y: Vec<f32>,
+    /// 1/scene unit; 0 where the point lies behind the camera.
+    pub(crate) disparity: Vec<f32>,
+}
+
+/// Projects row `y`, whose pixels have these disparities.
+#[pulp::with_simd(project_row = liveview::simd::arch())]
+#[inline(always)]
+pub(crate) fn project_row_with<'a, S: pulp::Simd>(
+    _simd: S,
+    other_from_here: &'a PlaneSweep,
+    y: usize,
+    disparity: &'a [f32],
+    projected: &'a mut Projected,
+) {
+    let PlaneSweep { homography_at_infinity: homography, epipole } = *other_from_here;
+    let begin = row_begin(&homography, y);
+    let count = disparity.len();
+    let [to_x, to_y, to_disparity] = [&mut projected.x, &mut projected.y, &mut projected.disparity].map(|values| {
+        values.resize(count, 0.0);
+        &mut values[..count]
+    });
+    for i in 0..count {
+        let x = f64::from(i as i32);
+        (to_x[i], to_y[i], to_disparity[i]) = project_pixel(&homography, &epipole, begin, x, disparity[i]);
+    }
+}
+
+/// Column, row and disparity of a pixel in another camera, as in [`Projected`].
+pub(crate) fn project(other_from_here: &PlaneSweep, (x, y): (usize, usize), disparity: f32) -> (f32, f32, f32) {
+    let PlaneSweep { homography_at_infinity: homography, epipole } = other_from_here;
+    project_pixel(homography, epipole, row_begin(homography, y), x as f64, disparity)
+}
+
+/// H∞ at the centre of the first pixel of row `y`.
+#[inline(always)]
+fn row_begin(homography: &DMat3, y: usize) -> DVec3 {
+    *homography * DVec3::new(0.5, y as f64 + 0.5, 1.0)
+}
+
+#[inline(always)]
+fn project_pixel(homography: &DMat3, epipole: &DVec3, begin: DVec3, x: f64, disparity: f32) -> (f32, f32, f32) {
+    let d = f64::from(disparity);
+    let w = begin.z + homography.x_axis.z * x + epipole.z * d;
+    let u = begin.x + homography.x_axis.x * x + epipole.x * d;
+    let v = begin.y + homography.x_axis.y * x + epipole.y * d;
+    let front = w > 0.0;
+    let per_w = if front { 1.0 / w } else { 0.0 };
+    let pixel = |value: f64| if front { (value * per_w) as f32 } else { -1.0 };
+    (pixel(u), pixel(v), (d * per_w) as f32)
+}
