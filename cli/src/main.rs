@@ -85,7 +85,7 @@ fn main() -> ExitCode {
     match &cli.command {
         // The sweep that started the worker prints it.
         Command::Sweep(args) if args.is_worker() => {
-            drop(liveview_bench::sweep::worker::send_line(&serde_json::json!({ "error": message })))
+            drop(liveview_bench::worker::send_line(&serde_json::json!({ "error": message })))
         }
         _ => console::print_message("error", message),
     }

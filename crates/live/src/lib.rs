@@ -5,7 +5,6 @@
 
 pub mod agreement;
 pub mod ffmpeg;
-mod frame_rate;
 pub mod governor;
 pub mod interrupt;
 pub mod memory;
@@ -13,4 +12,4 @@ pub mod rig;
 pub mod session;
 pub mod video;
 
-pub use frame_rate::FrameRate;
+pub use ffmpeg::FrameRate;

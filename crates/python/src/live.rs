@@ -8,13 +8,12 @@ use liveview_live::session::{self, LiveError, LiveSettings, Policy};
 use liveview_synthesizer::LayerSpec;
 use pyo3::prelude::*;
 
-use crate::arguments::some;
+use crate::arguments::{Object, library, some, value};
 use crate::camera::{camera, cameras};
-use crate::error::{library, value};
+use crate::engine::compute;
 use crate::frame::{Frame, rendering};
-use crate::model;
 use crate::scene::picture;
-use crate::work::compute;
+use crate::synthesizer::{check_views, model_options};
 
 /// Renders the time steps of a rig of cameras, one after the other. What one has found the next
 /// reuses: the depth of a photo where it stays the same, or the planes that were selected.
@@ -38,10 +37,10 @@ impl LiveSession {
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
-        cameras: &Bound<'_, PyAny>,
+        cameras: &Object<'_>,
         near: f64,
         far: f64,
-        views: Option<&Bound<'_, PyAny>>,
+        views: Option<&Object<'_>>,
         layers: Option<&str>,
         network: Option<PathBuf>,
         policy: Option<&str>,
@@ -49,10 +48,10 @@ impl LiveSession {
         let cameras = self::cameras("cameras", cameras)?;
         let layers: Option<LayerSpec> = layers.map(str::parse).transpose().map_err(|error| value("layers", error))?;
         let policy: Option<Policy> = policy.map(str::parse).transpose().map_err(|error| value("policy", error))?;
-        let options = model::options(py, views, network)?;
+        let options = model_options(py, views, network)?;
         let opened = compute(py, || options.open_renderer(layers.as_ref()).map_err(library))?;
         let (renderer, layers) = (opened.renderer, opened.layers);
-        model::check_views(options.views, &renderer)?;
+        check_views(options.views, &renderer)?;
         let default = Policy::default_for(&layers);
         if policy == Some(Policy::Propagate) && default != Policy::Propagate {
             return Err(value("policy", format!("propagate: {layers} have no depth; expected each, every:N or once")));
@@ -66,7 +65,7 @@ impl LiveSession {
 
     /// The picture of a camera at the next time step; photos: of each camera in order [h, w, 3], as
     /// `Scene.from_arrays` takes them, or None where it has delivered nothing.
-    fn render(&self, py: Python<'_>, photos: &Bound<'_, PyAny>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
+    fn render(&self, py: Python<'_>, photos: &Object<'_>, target: &Object<'_>) -> PyResult<Frame> {
         let target = camera("target", target)?;
         let photos = some("photos", photos)?;
         let photos = photos.iter().map(|(name, photo)| (!photo.is_none()).then(|| picture(name, photo)).transpose());

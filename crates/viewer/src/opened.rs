@@ -9,8 +9,8 @@ use liveview_synthesizer::{Scene, Synthesizer, Targets};
 use serde_json::{Value, json};
 
 use crate::renderer::{Photos, Source, Video};
-use crate::request_queue::RequestQueue;
-use crate::settings::{RigVideo, Shown, ViewSettings};
+use crate::requests::RequestQueue;
+use crate::{RigVideo, Shown, ViewSettings};
 
 /// A source of pictures, and what the session is described by.
 pub(crate) struct Opened {

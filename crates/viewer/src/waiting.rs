@@ -6,8 +6,7 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use crate::renderer::ViewRenderer;
-use crate::request::{FileAnswer, FileError, FileRequest, ViewRequest, Viewpoint};
-use crate::request_queue::RequestQueue;
+use crate::requests::{FileAnswer, FileError, FileRequest, RequestQueue, ViewRequest, Viewpoint};
 
 /// Requests for files that wait, at most.
 const MAX_FILES: usize = 4;
@@ -95,7 +94,7 @@ mod tests {
 
     use super::*;
     use crate::renderer::FakeSource;
-    use crate::request::Task;
+    use crate::requests::Task;
 
     struct Fixture {
         queue: RequestQueue,

@@ -4,11 +4,11 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdout, Stdio};
 
-use crate::ffmpeg::{Process, ProcessHandle, command};
-use crate::frame_rate::FrameRate;
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::{MAX_SIDE, Size};
+
+use crate::ffmpeg::{FrameRate, Process, ProcessHandle, command};
 
 /// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
 #[derive(Debug)]

@@ -10,9 +10,8 @@ use liveview::image::{self, ImageError};
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
 use super::decoder::Decoder;
-use super::frame_names::{Photos, photos_in};
-use crate::ffmpeg::{ProcessHandle, count_frames, has_extension};
-use crate::frame_rate::FrameRate;
+use super::steps::{Photos, photos_in};
+use crate::ffmpeg::{FrameRate, ProcessHandle, count_frames, has_extension};
 
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 

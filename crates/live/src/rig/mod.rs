@@ -3,24 +3,22 @@
 
 mod decoder;
 mod feed;
-mod frame_names;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::frame_rate::FrameRate;
 use anyhow::{Result, anyhow, bail};
 use liveview::Camera;
 use liveview::geometry::choose_views;
 use liveview_scene::SceneError;
 use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
 
+use crate::ffmpeg::FrameRate;
+pub use feed::{Delivered, Feed, Reader};
 use feed::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
-
-pub use feed::{Delivered, Feed, Reader};
 
 /// Folders of a rig in which its cameras may lie.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];

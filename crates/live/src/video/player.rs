@@ -6,20 +6,17 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use crate::session::{LiveError, LiveSession};
 use anyhow::{Result, anyhow, bail};
 use liveview::{Camera, ImageRgb};
 
+use super::Viewpoint;
 use super::gather::{Clock, Faults, Gathering, Step};
-use super::sink::Sink;
-use super::sink::{WriterInput, write};
-use super::summary::VideoResults;
-use super::tally::Scorer;
-use super::tally::Tally;
-use super::viewpoint::Viewpoint;
+use super::report::{Scorer, Tally, VideoResults};
+use super::sink::{Sink, WriterInput, write};
 use crate::governor::{Governor, Level};
 use crate::interrupt::{self, Interrupted};
 use crate::rig::Feed;
+use crate::session::{LiveError, LiveSession};
 
 /// Frames queued between the renderer and the writer.
 const QUEUED_FRAMES: usize = 2;

@@ -13,9 +13,8 @@ use liveview::geometry::Size;
 use liveview::render::Frame;
 
 use super::gather::Clock;
-use super::tally::Latencies;
-use crate::ffmpeg::{Encoder, is_video};
-use crate::frame_rate::FrameRate;
+use super::report::Latencies;
+use crate::ffmpeg::{Encoder, FrameRate, is_video};
 
 /// Prefix of the names of frames in a folder.
 pub const FRAME_PREFIX: &str = "frame_";

@@ -7,21 +7,19 @@ use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneN
 use liveview::render::{Batch, RenderRequest, Renderer};
 use liveview::warp::warp_sources;
 use liveview_surface::guided::GuidedSearch;
-use liveview_synthesizer::LayerSpec;
-use liveview_synthesizer::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
+use liveview_synthesizer::{LayerSpec, Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
 use ndarray::Array4;
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::photo::{Photo, photos};
 use super::recorded::{Recorded, put_depths, put_search, put_shot};
+use super::warp::{Photo, photos};
+use crate::arguments::{Object, kind, library, value, view_index};
 use crate::camera::camera;
-use crate::error::{kind, library, value};
-use crate::model::installed;
-use crate::names::view_index;
+use crate::engine::compute;
 use crate::scene::Scene;
-use crate::work::compute;
+use crate::synthesizer::installed;
 
 /// The ONNX Runtime of a folder, by default the installed one.
 fn runtime(py: Python<'_>, provider: ExecutionProvider, folder: Option<&Path>) -> PyResult<Option<PathBuf>> {
@@ -56,9 +54,9 @@ pub(crate) fn logits<'py>(
 #[pyfunction]
 pub(crate) fn guided_search<'py>(
     py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
     range: (f64, f64),
     count: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -80,10 +78,10 @@ pub(crate) fn guided_search<'py>(
 pub(crate) fn render<'py>(
     py: Python<'py>,
     model: PathBuf,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    layers: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
+    layers: &Object<'py>,
     batch: usize,
     alpha_scale: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -169,7 +167,7 @@ impl Given {
 pub(crate) fn render_scene<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Scene>,
-    target: &Bound<'py, PyAny>,
+    target: &Object<'py>,
     options: Given,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
     let scene = scene.get().0.clone();

@@ -1,22 +1,24 @@
 //! Pictures from the video of a rig: at rest the same as `liveview video` renders of a single time step.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Result, anyhow, bail};
 use liveview::ndarray::{ArrayView4, ArrayViewMut4};
 use liveview::network::{Alpha, NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
 use liveview_live::governor::Governor;
-use liveview_live::rig::{Rig, SPARE_CAMERAS};
-use liveview_live::session::{LiveFrame, LiveSession, LiveSettings, Policy};
+use liveview_live::interrupt;
+use liveview_live::rig::{Delivered, Feed, Reader, Rig, SPARE_CAMERAS};
+use liveview_live::session::{LiveError, LiveFrame, LiveSession, LiveSettings, Policy};
 use liveview_synthesizer::{LayerSpec, Scene};
+use rayon::prelude::*;
 
-use super::frames::{Frames, Step};
-use super::source::{MOTION_BUDGET, Rendered, Source};
-use crate::request::Viewpoint;
-use crate::settings::RigVideo;
+use super::{MOTION_BUDGET, Rendered, Source};
+use crate::RigVideo;
+use crate::requests::Viewpoint;
 
 /// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
 /// time steps is not as good.
@@ -258,5 +260,123 @@ impl Networks {
         let renderer =
             |(network, alpha): &(Shared, Alpha)| Renderer::new(Box::new(network.clone()), *alpha, self.batch);
         self.networks.iter().map(renderer).collect()
+    }
+}
+
+/// Memory for recent frames; the last one of each camera is kept in any case.
+const KEPT_BYTES: usize = 128 << 20;
+/// Memory of a frame.
+const BYTES_PER_PIXEL: usize = 12;
+
+/// The frames of all cameras; recent ones stay in memory.
+pub(super) struct Frames {
+    scene: Scene,
+    cameras: Vec<CameraFrames>,
+}
+
+/// The photos of one time step.
+pub(super) struct Step {
+    /// By camera; `None` for a camera without a photo, or that was not read.
+    photos: Vec<Option<Arc<ImageRgb>>>,
+    /// Cameras that were read and have no photo, and why.
+    pub(super) left_out: Vec<String>,
+}
+
+impl Step {
+    pub(super) fn photos(&self) -> Vec<Option<&ImageRgb>> {
+        self.photos.iter().map(Option::as_deref).collect()
+    }
+
+    /// Adds to an error the cameras that may have caused it.
+    pub(super) fn with_left_out(&self, error: LiveError) -> anyhow::Error {
+        match (&error, &self.left_out[..]) {
+            (LiveError::Views(_), [_, ..]) => anyhow!("{error}; {}", self.left_out.join("; ")),
+            _ => error.into(),
+        }
+    }
+}
+
+impl Frames {
+    pub(super) fn new(scene: Scene, feeds: &[Feed]) -> Self {
+        let pixels: usize = scene.views.iter().map(|view| view.camera.size().pixels()).sum();
+        let capacity = (KEPT_BYTES / (BYTES_PER_PIXEL * pixels.max(1))).max(1);
+        let camera = |feed: &Feed| CameraFrames { feed: feed.clone(), reader: None, kept: VecDeque::new(), capacity };
+        Self { scene, cameras: feeds.iter().map(camera).collect() }
+    }
+
+    /// The photos of these cameras at a time step.
+    pub(super) fn at(&mut self, step: usize, cameras: &[usize]) -> Step {
+        let Self { scene, cameras: all } = self;
+        let read = |(index, camera): (usize, &mut CameraFrames)| {
+            cameras.contains(&index).then(|| camera.at(step, |photo| Ok(scene.fit(index, photo)?)))
+        };
+        let read: Vec<_> = all.par_iter_mut().enumerate().map(read).collect();
+        let names = scene.views.iter().map(|view| &view.name);
+        let left_out = names.zip(&read).filter_map(|(name, read)| Some((name, read.as_ref()?.as_ref().err()?)));
+        let left_out = left_out.map(|(name, why)| format!("{name}: {why}")).collect();
+        Step { photos: read.into_iter().map(|read| read?.ok()).collect(), left_out }
+    }
+
+    /// The photo of a camera at a time step.
+    ///
+    /// # Errors
+    /// It has none, and why.
+    pub(super) fn photo(&mut self, camera: usize, step: usize) -> Result<ImageRgb> {
+        let mut read = self.at(step, &[camera]);
+        let photo = read.photos.swap_remove(camera);
+        photo.map(|photo| (*photo).clone()).ok_or_else(|| anyhow!("{}", read.left_out.join("; ")))
+    }
+}
+
+/// The frames of a camera.
+struct CameraFrames {
+    feed: Feed,
+    /// A reader, and the time step that it reads next.
+    reader: Option<(Reader, usize)>,
+    /// The last frames with their time steps, or why they could not be read; the newest first.
+    kept: VecDeque<(usize, Result<Arc<ImageRgb>, String>)>,
+    capacity: usize,
+}
+
+impl CameraFrames {
+    fn at(&mut self, step: usize, fit: impl FnOnce(ImageRgb) -> Result<ImageRgb>) -> Result<Arc<ImageRgb>, String> {
+        if let Some((_, kept)) = self.kept.iter().find(|(kept, _)| *kept == step) {
+            return kept.clone();
+        }
+        let photo = match self.read(step) {
+            Ok(Delivered::Photo(photo)) => fit(photo).map(Arc::new),
+            Ok(Delivered::Missing) => Err(anyhow!("frame {step} is missing")),
+            Ok(Delivered::Ended) => Err(anyhow!("no frames from {step} on")),
+            Err(error) => {
+                self.reader = None;
+                Err(error)
+            }
+        };
+        let photo = photo.map_err(|error| format!("{error:#}"));
+        // After an error the reader is gone: the next request tries again.
+        if self.reader.is_some() {
+            self.kept.truncate(self.capacity - 1);
+            self.kept.push_front((step, photo.clone()));
+        }
+        photo
+    }
+
+    /// Reads a frame. A video is only read forwards: for an earlier step it is opened again.
+    fn read(&mut self, step: usize) -> Result<Delivered> {
+        let (reader, next) = match self.reader.take().filter(|(_, next)| *next <= step) {
+            Some(reader) => self.reader.insert(reader),
+            None => self.reader.insert((self.feed.open()?, 0)),
+        };
+        while *next < step {
+            if interrupt::requested() {
+                bail!("interrupted");
+            }
+            if !reader.skip(*next)? {
+                return Ok(Delivered::Ended);
+            }
+            *next += 1;
+        }
+        *next += 1;
+        reader.read(step)
     }
 }

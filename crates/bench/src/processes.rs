@@ -5,13 +5,16 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use anyhow::{Context, Result, bail};
-use liveview::ImageRgb;
-use liveview_synthesizer::Score;
-use ndarray::Array3;
+use anyhow::{Context, Error, Result, anyhow, bail};
+use liveview::layers::uniform_disparities;
+use liveview::{Camera, ImageRgb};
+use liveview_files::atomic::AtomicFile;
+use liveview_synthesizer::{SceneViews, Score, Shot};
+use ndarray::{Array1, Array2, Array3};
+use ndarray_npy::{NpzWriter, WriteNpzError};
 use serde_json::{Value, json};
 
-use super::rows::Row;
+use crate::report::Row;
 
 /// A path as text for a worker; JSON holds only UTF-8.
 pub(super) fn text_of(path: &Path) -> Result<&str> {
@@ -134,4 +137,35 @@ impl Measured {
         }
         self.row
     }
+}
+
+type Arrays = NpzWriter<AtomicFile>;
+
+/// Writes the photos that a shot is rendered from, their cameras, the target camera and uniform planes.
+pub(super) fn write_job(path: &Path, views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
+    let unwritten = |error: WriteNpzError| unwritten(path, error);
+    let mut arrays = NpzWriter::new(AtomicFile::create(path).map_err(|error| self::unwritten(path, error))?);
+    for (index, &view) in shot.views.iter().enumerate() {
+        add_camera(&mut arrays, &format!("view{index}"), &views.scene().views[view].camera).map_err(unwritten)?;
+        let photo = views.scene().load_image(view)?;
+        arrays.add_array(format!("view{index}.image"), &photo.as_array()).map_err(unwritten)?;
+    }
+    add_camera(&mut arrays, "target", &shot.target).map_err(unwritten)?;
+    let size = Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]);
+    arrays.add_array("target.size", &size).map_err(unwritten)?;
+    let disparities = Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?);
+    arrays.add_array("disparities", &disparities).map_err(unwritten)?;
+    arrays.finish().map_err(unwritten)?.finish().map_err(|error| self::unwritten(path, error))
+}
+
+fn add_camera(arrays: &mut Arrays, name: &str, camera: &Camera) -> Result<(), WriteNpzError> {
+    let matrix = |m: glam::DMat3| Array2::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
+    arrays.add_array(format!("{name}.k"), &matrix(camera.k()))?;
+    arrays.add_array(format!("{name}.rotation"), &matrix(camera.rotation()))?;
+    arrays.add_array(format!("{name}.translation"), &Array1::from_vec(camera.translation().to_array().to_vec()))
+}
+
+/// The error of a file that cannot be written, with only the root cause.
+pub(super) fn unwritten(path: &Path, error: impl Into<Error>) -> Error {
+    anyhow!("{}: cannot be written: {}", path.display(), error.into().root_cause())
 }

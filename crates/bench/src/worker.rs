@@ -17,7 +17,7 @@ use liveview_synthesizer::{LayerSpec, Plan, Shot, Synthesizer, Targets};
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
-use super::job_file::unwritten;
+use crate::processes::unwritten;
 
 /// The configuration of a worker.
 #[derive(Debug)]

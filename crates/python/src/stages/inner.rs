@@ -1,21 +1,27 @@
-//! The search of a photo's depth stage by stage, for the parity tests.
+//! The search of a photo's depth, and the fusion of confirmed depths at the target, stage by stage, for
+//! the parity tests.
 //!
 //! `grid` is (near, far, count, parts, cell, starts, ranges): [`Search`].
 
-use liveview::warp::SourceView;
+use liveview::geometry::PlaneSweep;
+use liveview::render::{ViewCorrection, Visibility, occluded};
+use liveview::warp::{SourceView, WarpSource};
 use liveview_surface::stages::{self, Search};
 use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use super::photo::Photo;
-use crate::camera::cameras;
+use super::surface::View;
+use super::warp::Photo;
+use crate::arguments::Object;
+use crate::camera::{camera, cameras};
 
 type Planes<'py> = Option<PyReadonlyArray3<'py, u16>>;
 type GridArgument<'py> = (f64, f64, usize, usize, usize, Planes<'py>, Planes<'py>);
 /// Disparity, and the disparity worth one pixel.
 pub(super) type DepthArgument<'py> = (PyReadonlyArray2<'py, f32>, f32);
 type Map<'py, T> = Bound<'py, PyArray2<T>>;
+type Maps<'py> = Bound<'py, PyArray3<f32>>;
 type Costs<'py> = Bound<'py, PyArray3<u16>>;
 
 fn with_search<T>(
@@ -32,15 +38,15 @@ pub(super) fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
 
 /// Those of the photos of these cameras that photo `which` is matched with.
 #[pyfunction]
-pub(crate) fn neighbours(cameras: &Bound<'_, PyAny>, which: usize) -> PyResult<Vec<usize>> {
+pub(crate) fn neighbours(cameras: &Object<'_>, which: usize) -> PyResult<Vec<usize>> {
     Ok(DepthMaps::new(self::cameras("cameras", cameras)?, 1.0, 2.0).neighbours(which))
 }
 
 #[pyfunction]
 pub(crate) fn costs<'py>(
     py: Python<'py>,
-    photo: &Bound<'py, PyAny>,
-    neighbours: &Bound<'py, PyAny>,
+    photo: &Object<'py>,
+    neighbours: &Object<'py>,
     grid: GridArgument<'py>,
 ) -> PyResult<Costs<'py>> {
     let (photo, neighbours) = (Photo::pair("photo", photo)?, Photo::pairs("neighbours", neighbours)?);
@@ -64,7 +70,7 @@ pub(crate) fn tile_ranges<'py>(
 pub(crate) fn aggregate<'py>(
     py: Python<'py>,
     costs: PyReadonlyArray3<'py, u16>,
-    photo: &Bound<'py, PyAny>,
+    photo: &Object<'py>,
     grid: GridArgument<'py>,
 ) -> PyResult<Map<'py, f32>> {
     let (costs, photo) = (costs.as_array().to_owned(), Photo::pair("photo", photo)?);
@@ -90,7 +96,7 @@ pub(crate) fn disparity<'py>(
 #[pyfunction]
 pub(crate) fn small_map<'py>(
     py: Python<'py>,
-    views: &Bound<'py, PyAny>,
+    views: &Object<'py>,
     near: f64,
     far: f64,
 ) -> PyResult<(Map<'py, f32>, f32)> {
@@ -104,7 +110,7 @@ pub(crate) fn small_map<'py>(
 #[pyfunction]
 pub(crate) fn group_confirmed<'py>(
     py: Python<'py>,
-    cameras: &Bound<'py, PyAny>,
+    cameras: &Object<'py>,
     maps: Vec<DepthArgument<'py>>,
 ) -> PyResult<Vec<Map<'py, f32>>> {
     let cameras = self::cameras("cameras", cameras)?;
@@ -118,7 +124,7 @@ pub(crate) fn group_confirmed<'py>(
 #[pyfunction]
 pub(crate) fn anchors<'py>(
     py: Python<'py>,
-    cameras: &Bound<'py, PyAny>,
+    cameras: &Object<'py>,
     maps: Vec<DepthArgument<'py>>,
     confirmed: Vec<PyReadonlyArray2<'py, f32>>,
     found: DepthArgument<'py>,
@@ -151,4 +157,99 @@ pub(crate) fn anchored_costs<'py>(
 #[pyfunction]
 pub(crate) fn depth_range(disparities: PyReadonlyArray1<'_, f32>, searched: (f64, f64)) -> Option<(f64, f64)> {
     stages::range_of(disparities.as_array().to_vec(), searched)
+}
+
+/// The depth of photo `which` of a set, moved to the nearer side at edges; `confirmed`: its pixels that
+/// the others confirm.
+#[pyfunction]
+pub(crate) fn nearer_edges<'py>(
+    py: Python<'py>,
+    which: usize,
+    photos: &Object<'py>,
+    maps: Vec<DepthArgument<'py>>,
+    confirmed: PyReadonlyArray2<'py, bool>,
+) -> PyResult<Map<'py, f32>> {
+    let photos = Photo::pairs("photos", photos)?;
+    let maps: Vec<_> = maps.iter().map(depth).collect();
+    let set: Vec<_> = photos.iter().map(Photo::source).zip(&maps).collect();
+    let confirmed = ConfirmedDepth::new(&maps[which], &confirmed.as_array().to_owned());
+    Ok(stages::nearer_edges(&set, which, &confirmed).disparity.into_pyarray(py))
+}
+
+/// The disparity worth one pixel at the target.
+#[pyfunction]
+pub(crate) fn pixel_of(views: &Object<'_>, target: &Object<'_>, near: f64, far: f64) -> PyResult<f32> {
+    let views = View::all(views)?;
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    Ok(stages::target_disparity_per_pixel(&views, &camera("target", target)?, (near, far)))
+}
+
+/// The views' confirmed depth at the target; `pixel`: the disparity worth one there.
+#[pyfunction]
+pub(crate) fn splat<'py>(
+    py: Python<'py>,
+    views: &Object<'py>,
+    target: &Object<'py>,
+    pixel: f32,
+) -> PyResult<Map<'py, f32>> {
+    let views = View::all(views)?;
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    Ok(stages::splatted(&views, &camera("target", target)?, pixel).into_pyarray(py))
+}
+
+#[pyfunction]
+pub(crate) fn photo_variance<'py>(
+    py: Python<'py>,
+    views: &Object<'py>,
+    visible: PyReadonlyArray3<'py, f32>,
+    target: &Object<'py>,
+    surface: PyReadonlyArray2<'py, f32>,
+) -> PyResult<Map<'py, f32>> {
+    let (views, target) = (View::all(views)?, camera("target", target)?);
+    let sources = views.iter().map(|view| WarpSource {
+        gains: view.gains,
+        ..WarpSource::new(&view.photo.texture, PlaneSweep::new(&view.photo.camera, &target))
+    });
+    let sources: Vec<_> = sources.collect();
+    let visible: Vec<Vec<f32>> = visible.as_array().outer_iter().map(|map| map.iter().copied().collect()).collect();
+    Ok(stages::photo_variance(&sources, &visible, &surface.as_array().to_owned()).into_pyarray(py))
+}
+
+/// The target's own search from its splat: costs [D, h, w], and the disparity found [h, w].
+#[pyfunction]
+pub(crate) fn target_search<'py>(
+    py: Python<'py>,
+    views: &Object<'py>,
+    target: &Object<'py>,
+    splatted: PyReadonlyArray2<'py, f32>,
+    near: f64,
+    far: f64,
+) -> PyResult<(Maps<'py>, Map<'py, f32>)> {
+    let views = View::all(views)?;
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    let (target, splatted) = (camera("target", target)?, splatted.as_array().to_owned());
+    let (costs, disparity) = stages::target_search(&views, &target, &splatted, (near, far));
+    Ok((costs.into_pyarray(py), disparity.into_pyarray(py)))
+}
+
+/// A surface warped from the views, in balanced colours and without the samples hidden by `margin`:
+/// colour [3 V, h, w], coverage [V, h, w], and where any view sees it.
+#[pyfunction]
+pub(crate) fn hide<'py>(
+    py: Python<'py>,
+    views: &Object<'py>,
+    target: &Object<'py>,
+    surface: PyReadonlyArray2<'py, f32>,
+    margin: f32,
+) -> PyResult<(Maps<'py>, Maps<'py>, Map<'py, bool>)> {
+    let (views, target) = (View::all(views)?, camera("target", target)?);
+    let views: Vec<_> = views.iter().map(View::of).collect();
+    let disparities = views.iter().map(|view| &view.confirmed.disparity).collect();
+    let visibility = Visibility { disparities, margin, is_seen: true };
+    let gains = views.iter().map(|view| ViewCorrection { gains: view.gains, sharpening: 0.0 });
+    let corrections: Vec<_> = gains.collect();
+    let sources: Vec<_> = views.iter().map(|view| view.view).collect();
+    let (colour, coverage, seen) =
+        occluded(&visibility, &corrections, &sources, &target, &surface.as_array().to_owned());
+    Ok((colour.into_pyarray(py), coverage.into_pyarray(py), seen.into_pyarray(py)))
 }
