@@ -1,22 +1,23 @@
 //! Checks, before any work, that no output overwrites an input of the command, another output, a
 //! file of the scene folder, or JSON that the program did not write. Paths are compared after resolving links and `..`.
 
-mod own;
-mod scene_folder;
-
-use std::collections::HashMap;
+use std::cell::OnceCell;
+use std::collections::{BTreeSet, HashMap};
 use std::ffi::OsString;
-use std::io;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Component, Path, PathBuf};
+use std::{fs, io};
 
 use anyhow::{Result, anyhow, bail};
+use liveview::image::is_tagged;
 use liveview_files::atomic::{AtomicFile, is_special};
+use liveview_files::bounded;
 use liveview_synthesizer::Scene;
-use own::Existing;
-pub(crate) use own::note_other_pictures;
-use scene_folder::SceneFolder;
+use serde_json::Value;
 
-use crate::args::output::refuse_stdout;
+use crate::args::output::{has_extension, refuse_stdout};
+use crate::console::print_message;
 
 /// The output files of a command.
 #[derive(Debug)]
@@ -240,6 +241,198 @@ pub(super) fn resolved(path: &Path) -> io::Result<PathBuf> {
         real = real.canonicalize().unwrap_or(real);
     }
     Ok(real)
+}
+
+/// Bytes at the start of a picture file that include the program's tag.
+const TAGGED_BYTES: u64 = 256;
+
+/// What becomes of an existing file.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Existing {
+    Replaced,
+    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
+    ReplacedByName,
+}
+
+/// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
+/// the scene that holds it.
+pub(super) fn check(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
+    if existing == Existing::Replaced && is_record(file) {
+        bail!("{shown}: would overwrite the record of a run; expected another file");
+    }
+    // Any JSON, because a scene or its cameras may consist of it.
+    let is_protected = scene.is_some() || existing == Existing::Replaced && has_extension(file, &["json"]);
+    if is_protected && !is_own(file) {
+        let of = scene.map(|root| format!(" of the scene folder {}", root.display())).unwrap_or_default();
+        bail!(
+            "{shown}: would overwrite a file{of} that liveview did not write; expected another file, or that one moved \
+             away"
+        );
+    }
+    Ok(())
+}
+
+/// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
+pub(super) fn is_own(file: &Path) -> bool {
+    if has_extension(file, &["json"]) {
+        let json = json(file);
+        // The last is of a log, which has a line for each frame.
+        return json["job"]["liveview"].is_string() || json["liveview"].is_string() || json["layers_from"].is_string();
+    }
+    if has_extension(file, &["npy"]) {
+        // An array has no tag; `liveview depth` writes a picture and its scale next to each.
+        let stem = file.file_stem().unwrap_or_default();
+        return [".png", "_scale.json"].iter().all(|ending| {
+            let mut name = stem.to_owned();
+            name.push(ending);
+            is_own(&file.with_file_name(name))
+        });
+    }
+    let mut start = Vec::new();
+    let mut read = || File::open(file).and_then(|file| file.take(TAGGED_BYTES).read_to_end(&mut start));
+    file.is_file() && read().is_ok() && is_tagged(&start)
+}
+
+/// Whether a file is the record of a run, which lists the pictures that are done.
+fn is_record(file: &Path) -> bool {
+    has_extension(file, &["json"]) && {
+        let json = json(file);
+        json["job"]["liveview"].is_string() && json["done"].is_object()
+    }
+}
+
+/// The JSON of a file, or of its first line; null if it is neither.
+fn json(file: &Path) -> Value {
+    let bytes = bounded::read_regular(file, bounded::MAX_JSON_BYTES).unwrap_or_default();
+    let bytes = bounded::without_byte_order_mark(&bytes);
+    let first_line = || bytes.split(|&byte| byte == b'\n').next().unwrap_or_default();
+    serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(first_line())).unwrap_or_default()
+}
+
+/// Prints a note if a folder holds pictures that this run did not write.
+pub(crate) fn note_other_pictures(folder: &Path, is_written: impl Fn(&Path) -> bool) {
+    let listed = if folder == Path::new("") { Path::new(".") } else { folder };
+    let entries = std::fs::read_dir(listed).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    let hidden = |name: &std::ffi::OsString| name.as_encoded_bytes().starts_with(b".");
+    let mut others: Vec<_> = entries
+        .filter(|name| {
+            has_extension(name.as_ref(), &["png", "jpg", "jpeg"]) && !hidden(name) && !is_written(&folder.join(name))
+        })
+        .collect();
+    others.sort();
+    if let Some(first) = others.first() {
+        let (count, listed, first) = (others.len(), listed.display(), first.display());
+        print_message(
+            "note",
+            format!("{listed} holds {count} other pictures, which this run did not write, such as {first}"),
+        );
+    }
+}
+
+/// Folders from which photos or the cameras of a rig are read.
+const FOLDERS: [&str; 6] = ["images", "images_2", "images_4", "images_8", "frames", "videos"];
+/// Names of pose files.
+const POSES: [&str; 10] = [
+    "transforms.json",
+    "transforms_train.json",
+    "poses_bounds.npy",
+    "models.json",
+    "cameras.txt",
+    "cameras.bin",
+    "images.txt",
+    "images.bin",
+    "points3D.txt",
+    "points3D.bin",
+];
+/// Extensions of files that are read as a photo, or as a camera of a rig.
+const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
+/// Levels of nested folders that are searched for links.
+const MAX_DEPTH: usize = 4;
+
+/// A scene folder.
+#[derive(Debug)]
+pub(super) struct SceneFolder {
+    root: PathBuf,
+    /// Folders of photos; every file in them would be read.
+    photos: BTreeSet<PathBuf>,
+    /// Folders that hold a rig's cameras; a new folder of pictures would be another camera.
+    cameras: BTreeSet<PathBuf>,
+    /// Whether photos and poses are in the same folder.
+    flat: bool,
+    /// Targets of the links in the folder.
+    linked: OnceCell<Vec<PathBuf>>,
+}
+
+impl SceneFolder {
+    pub(super) fn new(scene: &Scene) -> Self {
+        let real = |path: PathBuf| path.canonicalize().unwrap_or(path);
+        let named: BTreeSet<&Path> = scene.views.iter().filter_map(|view| view.image_path().parent()).collect();
+        // A rig has a folder for each camera; other scenes may have a few, such as training and
+        // test photos.
+        let rig = named.len() > 1 && named.len() == scene.views.len();
+        let cameras = named.iter().filter(|_| rig).filter_map(|folder| folder.parent());
+        let cameras = cameras.filter(|folder| folder.starts_with(&scene.root));
+        // Joined to the resolved root, since folders that do not exist cannot be resolved.
+        let root = real(scene.root.clone());
+        let usual = FOLDERS.map(|folder| root.join(folder));
+        let photos = named.iter().filter(|&&folder| folder != scene.root).map(|folder| folder.to_path_buf());
+        Self {
+            photos: photos.chain(usual).map(real).collect(),
+            cameras: cameras.map(|folder| real(folder.to_owned())).collect(),
+            flat: named.contains(&*scene.root),
+            root,
+            linked: OnceCell::new(),
+        }
+    }
+
+    pub(super) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Whether an existing file is in the folder, or in the target of a link in it.
+    pub(super) fn holds(&self, real: &Path) -> bool {
+        let find = || {
+            let mut found = Vec::new();
+            links(&self.root, MAX_DEPTH, &mut found);
+            found
+        };
+        real.starts_with(&self.root) || self.linked.get_or_init(find).iter().any(|target| real.starts_with(target))
+    }
+
+    /// The part of the scene that a file of this name would be read as, if any.
+    pub(super) fn reads(&self, real: &Path) -> Option<&'static str> {
+        let below = |folder: &PathBuf| real.starts_with(folder);
+        if below(&self.root) && POSES.iter().any(|poses| real.file_name() == Some(poses.as_ref())) {
+            return Some("the poses");
+        }
+        let beside = self.flat && real.parent() == Some(&self.root) || self.cameras.iter().any(below);
+        let read = self.photos.iter().any(below) || beside && has_extension(real, &PICTURES);
+        read.then_some("a photo or a camera")
+    }
+
+    /// Whether a folder is the scene's own, or holds poses of it.
+    pub(super) fn has_inputs_in(&self, real: &Path) -> bool {
+        real == self.root || real.starts_with(&self.root) && POSES.iter().any(|poses| real.join(poses).exists())
+    }
+
+    /// Whether a folder is part of the scene: its files would be read, or it holds files other than
+    /// arrays (.npz) that the program did not write.
+    pub(super) fn is_its_own(&self, real: &Path) -> bool {
+        let other = |entry: &fs::DirEntry| !has_extension(&entry.path(), &["npz"]) && !own::is_own(&entry.path());
+        self.reads(&real.join("depth.npz")).is_some()
+            || fs::read_dir(real).into_iter().flatten().flatten().any(|entry| other(&entry))
+    }
+}
+
+/// Adds the targets of the links in a folder and its subfolders.
+fn links(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        match entry.file_type() {
+            Ok(kind) if kind.is_symlink() => found.extend(entry.path().canonicalize()),
+            Ok(kind) if kind.is_dir() && depth > 0 => links(&entry.path(), depth - 1, found),
+            _ => {}
+        }
+    }
 }
 
 #[cfg(all(test, unix))]
