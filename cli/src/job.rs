@@ -2,10 +2,9 @@
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use liveview::network::Alpha;
 use liveview::render::{Batch, Frame, Renderer};
 use liveview_live::agreement;
-use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
+use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
 use crate::args::layers::LayerArgs;
@@ -39,7 +38,7 @@ impl Job {
         let mut job = Self::of(photos, model.open_for(given.as_ref())?);
         job.synthesizer.set_photo_correction(layers.photo_correction());
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
-            let (folder, layers) = (folder.display(), job.layers());
+            let (folder, layers) = (folder.display(), job.synthesizer.layers());
             print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));
         }
         Ok(job)
@@ -55,35 +54,15 @@ impl Job {
         Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None }
     }
 
-    /// The scene.
-    pub(crate) fn scene(&self) -> &Scene {
-        self.synthesizer.scene()
-    }
-
-    /// The views of the scene.
-    pub(crate) fn views(&self) -> &SceneViews {
-        self.synthesizer.views()
-    }
-
-    /// How the layers of a pixel share it.
-    pub(crate) fn alpha(&self) -> Alpha {
-        self.synthesizer.renderer().alpha()
-    }
-
-    /// The layers to render on.
-    pub(crate) fn layers(&self) -> &LayerSpec {
-        self.synthesizer.layers()
-    }
-
     /// Computes the layers of a shot.
     pub(crate) fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
-        if let LayerSpec::Select { from, .. } = self.layers() {
+        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
             self.progress.inc_length(*from as u64);
         }
         let plan = self.synthesizer.plan(shot)?;
         let notes = self.synthesizer.photos_mut().take_notes();
         self.progress.suspend(|| print_notes(&notes));
-        if let LayerSpec::Select { from, .. } = self.layers() {
+        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
             self.progress.inc(*from as u64);
         }
         Ok(plan)

@@ -158,7 +158,7 @@ impl OutputPlan {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
             let scene = self.scene.holds(real).then(|| self.scene.root());
-            own::check(shown, file, scene, existing)?;
+            check_own(shown, file, scene, existing)?;
         }
         if let Some(part) = self.scene.reads(real) {
             let root = self.scene.root().display();
@@ -190,29 +190,29 @@ impl OutputPlan {
 
 /// Identity of an existing file or folder: equal for all paths to it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct Identity(#[cfg(unix)] (u64, u64), #[cfg(not(unix))] PathBuf);
+struct Identity(#[cfg(unix)] (u64, u64), #[cfg(not(unix))] PathBuf);
 
 impl Identity {
     #[cfg(unix)]
-    pub(super) fn of(path: &Path) -> io::Result<Self> {
+    fn of(path: &Path) -> io::Result<Self> {
         use std::os::unix::fs::MetadataExt;
         let about = path.metadata()?;
         Ok(Self((about.dev(), about.ino())))
     }
 
     #[cfg(not(unix))]
-    pub(super) fn of(path: &Path) -> io::Result<Self> {
+    fn of(path: &Path) -> io::Result<Self> {
         path.canonicalize().map(Self)
     }
 }
 
 /// Identity of a file that may not exist yet: an existing folder, and the names below it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct Location(Option<Identity>, Vec<OsString>);
+struct Location(Option<Identity>, Vec<OsString>);
 
 impl Location {
     /// The location of a [`resolved`] path.
-    pub(super) fn of(real: &Path) -> Self {
+    fn of(real: &Path) -> Self {
         let (mut folder, mut names) = (real, Vec::new());
         while let (Some(name), Some(parent)) = (folder.file_name(), folder.parent()) {
             names.push(name.to_owned());
@@ -227,7 +227,7 @@ impl Location {
 
 /// The path without links and `..`; below a folder that does not exist, `..` removes the preceding
 /// name.
-pub(super) fn resolved(path: &Path) -> io::Result<PathBuf> {
+fn resolved(path: &Path) -> io::Result<PathBuf> {
     if let Ok(real) = path.canonicalize() {
         return Ok(real);
     }
@@ -248,7 +248,7 @@ const TAGGED_BYTES: u64 = 256;
 
 /// What becomes of an existing file.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Existing {
+enum Existing {
     Replaced,
     /// Replaced under a name that the program chose: an earlier run may have left it damaged.
     ReplacedByName,
@@ -256,7 +256,7 @@ pub(super) enum Existing {
 
 /// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
 /// the scene that holds it.
-pub(super) fn check(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
+fn check_own(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
     if existing == Existing::Replaced && is_record(file) {
         bail!("{shown}: would overwrite the record of a run; expected another file");
     }
@@ -273,7 +273,7 @@ pub(super) fn check(shown: &str, file: &Path, scene: Option<&Path>, existing: Ex
 }
 
 /// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
-pub(super) fn is_own(file: &Path) -> bool {
+fn is_own(file: &Path) -> bool {
     if has_extension(file, &["json"]) {
         let json = json(file);
         // The last is of a log, which has a line for each frame.
@@ -351,7 +351,7 @@ const MAX_DEPTH: usize = 4;
 
 /// A scene folder.
 #[derive(Debug)]
-pub(super) struct SceneFolder {
+struct SceneFolder {
     root: PathBuf,
     /// Folders of photos; every file in them would be read.
     photos: BTreeSet<PathBuf>,
@@ -364,7 +364,7 @@ pub(super) struct SceneFolder {
 }
 
 impl SceneFolder {
-    pub(super) fn new(scene: &Scene) -> Self {
+    fn new(scene: &Scene) -> Self {
         let real = |path: PathBuf| path.canonicalize().unwrap_or(path);
         let named: BTreeSet<&Path> = scene.views.iter().filter_map(|view| view.image_path().parent()).collect();
         // A rig has a folder for each camera; other scenes may have a few, such as training and
@@ -385,12 +385,12 @@ impl SceneFolder {
         }
     }
 
-    pub(super) fn root(&self) -> &Path {
+    fn root(&self) -> &Path {
         &self.root
     }
 
     /// Whether an existing file is in the folder, or in the target of a link in it.
-    pub(super) fn holds(&self, real: &Path) -> bool {
+    fn holds(&self, real: &Path) -> bool {
         let find = || {
             let mut found = Vec::new();
             links(&self.root, MAX_DEPTH, &mut found);
@@ -400,7 +400,7 @@ impl SceneFolder {
     }
 
     /// The part of the scene that a file of this name would be read as, if any.
-    pub(super) fn reads(&self, real: &Path) -> Option<&'static str> {
+    fn reads(&self, real: &Path) -> Option<&'static str> {
         let below = |folder: &PathBuf| real.starts_with(folder);
         if below(&self.root) && POSES.iter().any(|poses| real.file_name() == Some(poses.as_ref())) {
             return Some("the poses");
@@ -411,14 +411,14 @@ impl SceneFolder {
     }
 
     /// Whether a folder is the scene's own, or holds poses of it.
-    pub(super) fn has_inputs_in(&self, real: &Path) -> bool {
+    fn has_inputs_in(&self, real: &Path) -> bool {
         real == self.root || real.starts_with(&self.root) && POSES.iter().any(|poses| real.join(poses).exists())
     }
 
     /// Whether a folder is part of the scene: its files would be read, or it holds files other than
     /// arrays (.npz) that the program did not write.
-    pub(super) fn is_its_own(&self, real: &Path) -> bool {
-        let other = |entry: &fs::DirEntry| !has_extension(&entry.path(), &["npz"]) && !own::is_own(&entry.path());
+    fn is_its_own(&self, real: &Path) -> bool {
+        let other = |entry: &fs::DirEntry| !has_extension(&entry.path(), &["npz"]) && !is_own(&entry.path());
         self.reads(&real.join("depth.npz")).is_some()
             || fs::read_dir(real).into_iter().flatten().flatten().any(|entry| other(&entry))
     }
@@ -435,7 +435,8 @@ fn links(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
     }
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;
 

@@ -43,22 +43,6 @@ pub(crate) struct TargetArgs {
     path: Option<CameraPathOrFile>,
 }
 
-/// Views that are held out when other viewpoints are rendered.
-#[derive(Debug, Args)]
-pub(crate) struct HoldoutArgs {
-    /// With --pose or --path: photos to leave out of the rendering, by name
-    #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
-    holdout: Vec<String>,
-}
-
-impl HoldoutArgs {
-    /// Holds the views out of the targets.
-    pub(crate) fn apply(&self, scene: &Scene, targets: &mut Targets) -> Result<()> {
-        targets.held_out.extend(named(scene, &self.holdout)?);
-        Ok(())
-    }
-}
-
 /// The value of `--path`.
 #[derive(Debug, Clone)]
 enum CameraPathOrFile {

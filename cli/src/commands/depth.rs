@@ -9,8 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
-use liveview::image;
-use liveview::image::{encode, encode_gray16_png};
+use liveview::image::{self, encode, encode_gray16_png};
 use liveview_files::bounded;
 use liveview_live::memory::peak_memory;
 use liveview_scene::View;
@@ -108,7 +107,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(report::output(photos.views().scene(), &reports, range, &held_out))
+    Ok(report(photos.views().scene(), &reports, range, &held_out))
 }
 
 /// The views to write, and those that are held out.
@@ -194,7 +193,8 @@ fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
     files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))
 }
 
-pub(super) fn output(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
+/// The report on the depth of the photos, as text and as JSON.
+fn report(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
     let scored = reports.iter().any(|one| one.score.is_some());
     let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
     let mut text = format!("photos: {}, searched from {near:.4} to {far:.4} scene units\n", reports.len());
@@ -272,27 +272,27 @@ fn mean(reports: &[Report]) -> Option<Score> {
 }
 
 /// The report on a photo's depth.
-pub(super) struct Report {
-    pub(super) name: String,
-    pub(super) depth: ViewDepthSummary,
-    pub(super) score: Option<Score>,
-    pub(super) files: [PathBuf; 4],
+struct Report {
+    name: String,
+    depth: ViewDepthSummary,
+    score: Option<Score>,
+    files: [PathBuf; 4],
 }
 
 /// A [`ViewDepth`] without its maps.
-pub(super) struct ViewDepthSummary {
-    pub(super) source: DepthSource,
-    pub(super) seconds: f64,
+struct ViewDepthSummary {
+    source: DepthSource,
+    seconds: f64,
     /// Share of the pixels that other photos confirm, 0 to 1.
-    pub(super) confirmed: f64,
+    confirmed: f64,
     /// Nearest and farthest confirmed depth, in scene units.
-    pub(super) span: Option<(f64, f64)>,
+    span: Option<(f64, f64)>,
     /// Disparity of one pixel of parallax, in 1/scene unit.
-    pub(super) disparity_per_pixel: f32,
+    disparity_per_pixel: f32,
 }
 
 impl ViewDepthSummary {
-    pub(super) fn of(depth: &ViewDepth) -> Self {
+    fn of(depth: &ViewDepth) -> Self {
         let confirmed = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
         let (low, high) =
             confirmed().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
@@ -308,10 +308,10 @@ impl ViewDepthSummary {
 }
 
 /// Error bounds of the reported shares, in pixels of parallax.
-pub(super) const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];
+const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];
 
 /// The true depth of a scene.
-pub(super) struct Truth {
+struct Truth {
     folder: PathBuf,
     delta_max: f64,
 }
@@ -319,14 +319,14 @@ pub(super) struct Truth {
 /// Shares (0 to 1) of the pixels within [`WITHIN`] pixels of parallax of the truth, among those
 /// with known truth.
 #[derive(Clone, Copy)]
-pub(super) struct Score {
-    pub(super) confirmed: [f64; 3],
-    pub(super) all: [f64; 3],
+struct Score {
+    confirmed: [f64; 3],
+    all: [f64; 3],
 }
 
 impl Truth {
     /// Opens the true depth of a scene, if it has any.
-    pub(super) fn open(scene: &Scene) -> Result<Option<Self>> {
+    fn open(scene: &Scene) -> Result<Option<Self>> {
         let folder = scene.root.join("depth");
         let path = folder.join("scale.json");
         if !path.is_file() {
@@ -341,12 +341,12 @@ impl Truth {
     }
 
     /// The folder that holds it.
-    pub(super) fn folder(&self) -> &Path {
+    fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// Compares a photo's depth with the truth, if the photo has one.
-    pub(super) fn score(&self, view: &View, depth: &ViewDepth) -> Result<Option<Score>> {
+    fn score(&self, view: &View, depth: &ViewDepth) -> Result<Option<Score>> {
         let path = self.folder.join(stem(&view.name) + ".png");
         if !path.is_file() {
             return Ok(None);

@@ -25,7 +25,7 @@ pub use report::SweepReport;
 use worker::scaled;
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
-const REFERENCES: [&str; 5] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia", "one graph"];
+const REFERENCES: [&str; 4] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia"];
 
 /// What is reported while a sweep runs.
 #[derive(Debug)]

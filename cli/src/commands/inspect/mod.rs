@@ -25,16 +25,16 @@ use crate::outputs::OutputPlan;
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     let path = args.scene.folder();
     if has_extension(path, &["onnx"]) {
-        return models::one(path, &args.model);
+        return model(path, &args.model);
     }
     if args.planes {
-        return planes::run(args);
+        return planes(args);
     }
     if let Some(option) = args.model.option_of_run() {
         bail!("{option}: expected --planes with it");
     }
     match args.scene.open() {
-        Err(_) if !models::files(path).is_empty() => models::all(path, &args.model),
+        Err(_) if !model_files(path).is_empty() => models(path, &args.model),
         photos => scene::report(args, &photos?),
     }
 }
@@ -86,7 +86,7 @@ pub(crate) struct InspectArgs {
 }
 
 /// The models in a folder, by name.
-pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
+fn model_files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut models: Vec<PathBuf> = entries.filter(|file| has_extension(file, &["onnx"])).collect();
     models.sort();
@@ -94,16 +94,16 @@ pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// The card of a model.
-pub(super) fn one(file: &Path, args: &ModelArgs) -> Result<Output> {
+fn model(file: &Path, args: &ModelArgs) -> Result<Output> {
     let card = card(&library(args)?, file)?;
     Ok(Output { text: card_text(&escaped(&path_text(file)), &card), json: card_json(file, &card) })
 }
 
 /// The cards of all models in a folder.
-pub(super) fn all(folder: &Path, args: &ModelArgs) -> Result<Output> {
+fn models(folder: &Path, args: &ModelArgs) -> Result<Output> {
     let library = library(args)?;
     let (mut text, mut models) = (String::new(), Vec::new());
-    for file in files(folder) {
+    for file in model_files(folder) {
         let name = escaped(&path_text(&file));
         match card(&library, &file) {
             Ok(card) => {
@@ -156,7 +156,8 @@ fn card_json(file: &Path, card: &ModelCard) -> Value {
 /// Planes by default.
 const LAYERS: LayerSpec = LayerSpec::PAPER;
 
-pub(super) fn run(args: &InspectArgs) -> Result<Output> {
+/// The planes that a view needs: the paper's histogram, and the planes that are selected by it.
+fn planes(args: &InspectArgs) -> Result<Output> {
     if args.model.without_network() {
         bail!("--network none: cannot be used here: a network selects the planes");
     }
@@ -176,7 +177,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<Output> {
     let layers = args.layers.as_ref().unwrap_or(&LAYERS);
     let LayerSpec::Select { keep, from } = *layers else { bail!("--layers {layers}: expected select:K/D") };
     let job = Job::with_layers(views, &args.model, Some(layers))?;
-    let (mut output, picture) = planes(job, target, keep, from)?;
+    let (mut output, picture) = histogram(job, target, keep, from)?;
     if let Some(file) = &args.output {
         picture.save(file)?;
         let _ = writeln!(output.text, "wrote    {}", file.display());
@@ -186,20 +187,20 @@ pub(super) fn run(args: &InspectArgs) -> Result<Output> {
 }
 
 /// The paper's histogram over planes.
-fn planes(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<(Output, ImageRgb)> {
+fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<(Output, ImageRgb)> {
     let shot = job.synthesizer.shots(target)?.remove(0);
     let loaded = job.synthesizer.load(&shot, &[])?;
     job.progress = progress("layers")?;
     let disparities = uniform_disparities(shot.near, shot.far, from)?;
     let histogram = job.synthesizer.histogram(&loaded, &disparities)?;
     job.progress.finish_and_clear();
-    let chosen = select_planes(job.alpha(), &histogram, keep);
+    let chosen = select_planes(job.synthesizer.renderer().alpha(), &histogram, keep);
 
     let pixels = (shot.target.width() * shot.target.height()) as f64;
     let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
     let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
     let uncovered = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
-    let (scene, views) = (job.scene(), job.views().names(&shot.views));
+    let (scene, views) = (job.synthesizer.scene(), job.synthesizer.views().names(&shot.views));
     let Shot { name, near, far, .. } = &shot;
     let mut text = format!(
         "target   {name}, {}x{}, held out, from {}\ndepth    {near:.4} to {far:.4} scene units\n",

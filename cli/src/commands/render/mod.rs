@@ -6,6 +6,7 @@ mod record;
 mod summary;
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -19,29 +20,29 @@ use crate::args::help::ADVANCED;
 use crate::args::layers::LayerArgs;
 use crate::args::model::ModelArgs;
 use crate::args::numbers::{self, FrameRange};
-use crate::args::scene::{HoldoutArgs, SceneArgs, TargetArgs};
+use crate::args::scene::{SceneArgs, TargetArgs, named};
 use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::Job;
 use crate::measure::Times;
 use crate::outputs::OutputPlan;
-use explain::{ExplainArgs, Explained, Explanation};
+use explain::Explained;
 use outputs::{OutputArgs, Outputs, disparity_max};
-use summary::{Rendered, ScoreArgs};
+use summary::Rendered;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;
-    args.scores.check(args.targets.have_truth())?;
+    summary::check_scores(args.scores.as_deref(), args.targets.have_truth())?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
     let mut job = Job::open(photos, &args.layers, &args.model)?;
-    let mut targets = args.targets.resolve(job.views())?;
+    let mut targets = args.targets.resolve(job.synthesizer.views())?;
     if let Some(degrees) = args.fov {
         for target in &mut targets.list {
             target.camera = target.camera.with_field_of_view(degrees)?;
         }
     }
-    args.holdout.apply(job.scene(), &mut targets)?;
+    targets.held_out.extend(named(job.synthesizer.scene(), &args.holdout)?);
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let frames = args.frames.clone().unwrap_or(0..all.len());
@@ -49,14 +50,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
         bail!("--frames {}:{}: the path has {} frames; expected B up to {2}", frames.start, frames.end, all.len());
     }
     let shots = all[frames].to_vec();
-    let mut output_plan = OutputPlan::new(job.scene());
+    let mut output_plan = OutputPlan::new(job.synthesizer.scene());
     let (option, file) = args.targets.camera_file();
     output_plan.protect(option, file);
     args.model.protect(&mut output_plan, job.model.path());
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
-    args.scores.plan_outputs(&mut output_plan)?;
-    args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
+    args.scores.iter().try_for_each(|file| output_plan.file("--scores", file))?;
+    args.explain.iter().try_for_each(|file| explain::plan_output(file, pictures.len(), &mut output_plan))?;
     output_plan.prepare()?;
     outputs.begin(&shots, || record::fields(&job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
@@ -73,9 +74,10 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
     let share = args.frames.clone().map(|frames| (frames, all.len()));
-    let table = args.scores.write(&done)?;
     let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
-    output.text += &table;
+    if let Some(file) = &args.scores {
+        output.text += &summary::write_scores(file, &done)?;
+    }
     Ok(output)
 }
 
@@ -128,9 +130,9 @@ fn render(
     outputs: &mut Outputs,
     args: &RenderArgs,
     stop: &AtomicBool,
-) -> Result<(Vec<Rendered>, Option<Explanation>)> {
+) -> Result<(Vec<Rendered>, Option<Output>)> {
     // As in the paper's video, all frames use the planes that the first one selects.
-    let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
+    let shared = moving && matches!(job.synthesizer.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
     let single = all.len() == 1;
@@ -151,7 +153,7 @@ fn render(
             kept = Some(job.plan(&first)?);
         }
         let loaded = job.synthesizer.load(&shot, later)?;
-        let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
+        let truth = shot.truth.map(|view| job.synthesizer.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
         let plan = match kept.take() {
             Some(plan) => job.synthesizer.plan_on(&loaded, plan.layers)?,
@@ -171,7 +173,7 @@ fn render(
         if single && is_blank(uncovered_share) {
             return Err(no_coverage(args));
         }
-        explanation = args.explain.explain(job, &about)?;
+        explanation = args.explain.as_ref().map(|file| explain::explain(file, job, &about)).transpose()?;
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let count = frame.logits_not_finite;
@@ -222,29 +224,40 @@ Examples:
 #[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
 pub(crate) struct RenderArgs {
     #[command(flatten)]
-    pub(super) targets: TargetArgs,
+    targets: TargetArgs,
     /// Horizontal field of view of the pictures of --pose and --path [default: the photos']
     #[arg(long, value_name = "DEGREES", value_parser = numbers::field_of_view, conflicts_with_all = ["target", "heldout"])]
-    pub(super) fov: Option<f64>,
+    fov: Option<f64>,
+    /// With --pose or --path: photos to leave out of the rendering, by name
+    #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
+    holdout: Vec<String>,
     #[command(flatten)]
-    pub(super) holdout: HoldoutArgs,
+    output: OutputArgs,
+    /// Also write a table of the scores, a line per picture
+    ///
+    /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
+    /// where it is unknown: the score of a picture that is too small, the time of one that --resume
+    /// kept.
+    #[arg(long, value_name = "CSV")]
+    scores: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) output: OutputArgs,
+    layers: LayerArgs,
     #[command(flatten)]
-    pub(super) scores: ScoreArgs,
+    scene: SceneArgs,
     #[command(flatten)]
-    pub(super) layers: LayerArgs,
-    #[command(flatten)]
-    pub(super) scene: SceneArgs,
-    #[command(flatten)]
-    pub(super) model: ModelArgs,
+    model: ModelArgs,
     /// Render only the frames A up to but without B of the path, counted from 0: the share of one machine
     ///
     /// They are the same as in the whole path, and have the same names. Into a folder, they are
     /// recorded in liveview_A_B.json, so that several runs can write to one folder.
     #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
-    pub(super) frames: Option<FrameRange>,
-    #[command(flatten)]
-    pub(super) explain: ExplainArgs,
+    frames: Option<FrameRange>,
+    /// Print which layers were used and skipped and where the time went, and draw the layers; for
+    /// one target
+    ///
+    /// The picture shows the disparity of surface layers, the plane of each pixel, or the nearest
+    /// disparity, farthest disparity and parallax of guided layers.
+    #[arg(long, value_name = "PNG", help_heading = ADVANCED, hide_short_help = true)]
+    explain: Option<PathBuf>,
 }

@@ -31,7 +31,7 @@ pub(super) type Fields = Vec<(&'static str, String)>;
 
 /// The fields of a job. Pictures do not depend on the number of threads and the batch size.
 pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &LayerArgs) -> Result<Fields> {
-    let scene = job.scene();
+    let scene = job.synthesizer.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     let first = &shots[0];
     let model = match job.model.path() {
@@ -48,7 +48,8 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         cameras += &format!("{ranges:?}\n");
     }
     // Of the same range, planes are others where it is given than where it is refined.
-    let is_refined = first.refines_range && job.synthesizer.uses_depth() && job.layers().kind() != "surface";
+    let is_refined =
+        first.refines_range && job.synthesizer.uses_depth() && job.synthesizer.layers().kind() != "surface";
     for shot in shots {
         cameras += &format!("{} {:?} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far, shot.views);
         views.extend(&shot.views);
@@ -62,11 +63,11 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
         ("scene", path_text(&root)),
         ("targets", targets.to_string()),
-        ("layers", job.layers().to_string()),
+        ("layers", job.synthesizer.layers().to_string()),
         ("exposure", (if layers.keep_exposure { "kept" } else { "balanced" }).to_owned()),
         ("sharpness", (if layers.keep_sharpness { "kept" } else { "balanced" }).to_owned()),
         ("model", model),
-        ("alpha", job.alpha().to_string()),
+        ("alpha", job.synthesizer.renderer().alpha().to_string()),
         ("engine", job.model.engine()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}{}", first.near, first.far, if is_refined { " at most" } else { "" })),

@@ -196,7 +196,8 @@ pub fn command(missing: &str) -> Result<Command> {
     Ok(command)
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use super::*;
 

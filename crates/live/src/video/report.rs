@@ -13,13 +13,13 @@ use liveview_files::atomic::AtomicFile;
 use liveview_synthesizer::{LayerSpec, Score};
 use serde_json::{Value, json};
 
+use super::Viewpoint;
+use super::gather::Faults;
+use super::sink::Written;
 use crate::governor::Level;
 use crate::memory::resident_memory;
 use crate::rig::Rig;
 use crate::session::{LayerSource, LiveFrame, LiveTimes, Policy};
-use super::Viewpoint;
-use super::gather::Faults;
-use super::sink::Written;
 
 /// The time of each stage, in the order of [`Tally::stages`].
 fn stage_times(times: &LiveTimes) -> [Duration; 5] {
