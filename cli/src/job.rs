@@ -1,8 +1,10 @@
 //! A scene, a model and layers, opened by the options of a command that renders.
 
+use std::time::Duration;
+
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use liveview::render::{Batch, Frame, Renderer};
+use liveview::render::{Batch, Frame, Renderer, StageTimes};
 use liveview_live::agreement;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
@@ -77,5 +79,50 @@ impl Job {
         let (frame, agreeing) = agreement::render(&mut self.synthesizer, shot, plan, without_network, &mut observe)?;
         self.agreeing_share = agreeing;
         Ok(frame)
+    }
+}
+
+/// Wall time of each stage of one picture.
+#[derive(Debug)]
+pub(crate) struct Times {
+    /// Reading and decoding the photos that were not in memory.
+    pub(crate) photos: Duration,
+    /// Searching depth: the guided search, or the depth of the photos.
+    pub(crate) depth: Duration,
+    /// The render that planes were selected from.
+    pub(crate) select: Duration,
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend`
+    /// without one.
+    pub(crate) weighting: &'static str,
+    /// Warp, weighting and composite.
+    pub(crate) stages: StageTimes,
+}
+
+impl Times {
+    /// The name and time of each stage.
+    pub(crate) fn stages(&self) -> [(&'static str, Duration); 6] {
+        let Self { photos, depth, select, weighting, stages } = *self;
+        [
+            ("photos", photos),
+            ("depth", depth),
+            ("select", select),
+            ("warp", stages.warp),
+            (weighting, stages.network),
+            ("composite", stages.composite),
+        ]
+    }
+
+    /// The sum of all stages.
+    pub(crate) fn total(&self) -> Duration {
+        self.stages().iter().map(|(_, time)| *time).sum()
+    }
+}
+
+/// A duration as text.
+pub(crate) fn time_text(time: Duration) -> String {
+    match time.as_secs_f64() {
+        seconds if seconds >= 10.0 => format!("{seconds:.1} s"),
+        seconds if seconds >= 0.01 => format!("{:.0} ms", 1e3 * seconds),
+        seconds => format!("{:.1} ms", 1e3 * seconds),
     }
 }

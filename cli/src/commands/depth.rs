@@ -26,7 +26,7 @@ use crate::args::output::{has_extension, refuse_stdout, stem, write_atomically};
 use crate::args::scene::{SceneArgs, held_out, named, refuse_twice};
 use crate::console::{Output, path_text, print_message, print_notes, progress};
 use crate::interrupt;
-use crate::measure::time_text;
+use crate::job::time_text;
 use crate::outputs::OutputPlan;
 
 const EXAMPLES: &str = "\
@@ -103,7 +103,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
         let name = shown.name.clone();
         bar.suspend(|| print_notes(&photos.take_notes()));
         range = depth.range;
-        reports.push(Report { name, depth: ViewDepthSummary::of(&depth), score, files });
+        reports.push(Report::new(name, &depth, score, files));
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -207,22 +207,22 @@ fn report(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: 
     }
     let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
     let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time{truth}", "photo");
-    for Report { name, depth, score, .. } in reports {
-        let span = match depth.span {
+    for Report { name, source, seconds, confirmed, span, score, .. } in reports {
+        let span = match *span {
             Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
             None => format!("{:>10}  {:>10}", "-", "-"),
         };
-        let time = match depth.source {
-            DepthSource::Kept => format!("{} kept", time_text(Duration::from_secs_f64(depth.seconds))),
+        let time = match source {
+            DepthSource::Kept => format!("{} kept", time_text(Duration::from_secs_f64(*seconds))),
             DepthSource::Alone => "alone".to_owned(),
-            _ => time_text(Duration::from_secs_f64(depth.seconds)),
+            _ => time_text(Duration::from_secs_f64(*seconds)),
         };
         let score = score.as_ref().map(|score| format!("  {}", cells(score))).unwrap_or_default();
-        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}{score}", 100.0 * depth.confirmed);
+        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}{score}", 100.0 * confirmed);
     }
     let mean = mean(reports);
     if let (Some(mean), true) = (&mean, reports.len() > 1) {
-        let confirmed = reports.iter().map(|one| one.depth.confirmed).sum::<f64>() / reports.len() as f64;
+        let confirmed = reports.iter().map(|one| one.confirmed).sum::<f64>() / reports.len() as f64;
         let _ = writeln!(text, "{:width$}  {:7.1} %  {:36}  {}", "mean", 100.0 * confirmed, "", cells(mean));
     }
     if let [first, ..] = reports {
@@ -239,15 +239,15 @@ fn report(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: 
 }
 
 fn photo(report: &Report) -> Value {
-    let Report { name, depth, score, files } = report;
-    let source = match depth.source {
+    let Report { name, source, seconds, confirmed, span, disparity_per_pixel, score, files } = report;
+    let source = match source {
         DepthSource::Kept => "kept",
         DepthSource::Alone => "alone",
         _ => "searched",
     };
     json!({
-        "name": name, "confirmed": depth.confirmed, "nearest": depth.span.map(|span| span.0), "farthest": depth.span.map(|span| span.1),
-        "disparity_per_pixel_of_parallax": depth.disparity_per_pixel, "source": source, "seconds": depth.seconds,
+        "name": name, "confirmed": confirmed, "nearest": span.map(|span| span.0), "farthest": span.map(|span| span.1),
+        "disparity_per_pixel_of_parallax": disparity_per_pixel, "source": source, "seconds": seconds,
         "within": score.as_ref().map(shares), "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     })
 }
@@ -274,13 +274,6 @@ fn mean(reports: &[Report]) -> Option<Score> {
 /// The report on a photo's depth.
 struct Report {
     name: String,
-    depth: ViewDepthSummary,
-    score: Option<Score>,
-    files: [PathBuf; 4],
-}
-
-/// A [`ViewDepth`] without its maps.
-struct ViewDepthSummary {
     source: DepthSource,
     seconds: f64,
     /// Share of the pixels that other photos confirm, 0 to 1.
@@ -289,20 +282,25 @@ struct ViewDepthSummary {
     span: Option<(f64, f64)>,
     /// Disparity of one pixel of parallax, in 1/scene unit.
     disparity_per_pixel: f32,
+    score: Option<Score>,
+    files: [PathBuf; 4],
 }
 
-impl ViewDepthSummary {
-    fn of(depth: &ViewDepth) -> Self {
+impl Report {
+    fn new(name: String, depth: &ViewDepth, score: Option<Score>, files: [PathBuf; 4]) -> Self {
         let confirmed = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
         let (low, high) =
             confirmed().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
         let count = confirmed().count();
         Self {
+            name,
             source: depth.source,
             seconds: depth.time.as_secs_f64(),
             confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
             span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
             disparity_per_pixel: depth.found.disparity_per_pixel,
+            score,
+            files,
         }
     }
 }

@@ -4,9 +4,8 @@
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
 mod plot;
-mod processes;
 mod report;
-pub mod worker;
+mod worker;
 
 use std::ffi::OsString;
 use std::fs;
@@ -19,10 +18,10 @@ use liveview_files::unfinished::Unfinished;
 use liveview_synthesizer::{LayerSpec, SceneViews, Targets, ViewAgreement};
 use serde_json::{Value, json};
 
-use processes::{Measured, WorkerProcess, text_of, write_job};
 use report::Row;
-pub use report::SweepReport;
-use worker::scaled;
+pub use report::{SweepReport, quantile};
+use worker::{Measured, WorkerProcess, scaled, text_of, write_job};
+pub use worker::{Worker, send_line};
 
 /// Engines of `python -m liveview_ref.competitors.worker`.
 const REFERENCES: [&str; 4] = ["reference", "torch", "torch channels_last", "onnxruntime + kornia"];
@@ -42,7 +41,7 @@ pub enum Progress {
 /// the reference implementations.
 ///
 /// Each configuration runs in a process of its own: this program's own command line, with the option `--worker` and two numbers after
-/// the command `sweep`; such a process calls [`Worker::run`](worker::Worker::run).
+/// the command `sweep`; such a process calls [`Worker::run`].
 pub fn run(
     settings: &SweepSettings,
     photos: &SceneViews,

@@ -8,7 +8,6 @@ mod arguments;
 mod camera;
 mod engine;
 mod frame;
-mod live;
 mod scene;
 mod stages;
 mod synthesizer;
@@ -24,8 +23,6 @@ mod _liveview {
     #[pymodule_export]
     use crate::frame::{Frame, Frames};
     #[pymodule_export]
-    use crate::live::LiveSession;
-    #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
     use crate::stages::layers::{
@@ -40,6 +37,8 @@ mod _liveview {
     };
     #[pymodule_export]
     use crate::stages::warp::{agreement_logits, choose_views, psnr, sharpened, ssim, view_distances, warp_maps};
+    #[pymodule_export]
+    use crate::synthesizer::LiveSession;
     #[pymodule_export]
     use crate::synthesizer::Synthesizer;
 

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
 use liveview::geometry::{PlaneSweep, choose_views, distance, middle_camera};
 use liveview::layers::uniform_disparities;
+use liveview_bench::quantile;
 use liveview_live::agreement;
 use liveview_scene::View;
 use liveview_scene::cameras::MeanPose;
@@ -17,7 +18,6 @@ use serde_json::{Value, json};
 use super::InspectArgs;
 use crate::args::scene::SceneArgs;
 use crate::console::{Output, advice, escaped, full_text, path_text};
-use crate::measure::quantile;
 
 /// Parallax between neighbouring planes above which they are visible as steps, in pixels.
 const MAX_STEP: f64 = 1.0;

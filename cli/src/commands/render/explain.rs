@@ -10,6 +10,7 @@ use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb};
+use liveview_bench::quantile;
 use liveview_surface::guided::RangeMap;
 use liveview_surface::parallax::parallax;
 use liveview_synthesizer::colormap::{coloured, side_by_side};
@@ -19,8 +20,7 @@ use serde_json::{Value, json};
 
 use crate::args::output::expect_png;
 use crate::console::{Output, path_text};
-use crate::job::Job;
-use crate::measure::{Times, quantile};
+use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;
 
 /// The render to explain.

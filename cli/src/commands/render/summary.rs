@@ -6,15 +6,13 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use liveview_live::memory::peak_memory;
-use liveview_synthesizer::Score;
-use liveview_synthesizer::Shot;
+use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 
 use crate::args::numbers::FrameRange;
 use crate::args::output::{has_extension, write_atomically};
 use crate::console::{Output, escaped, path_text};
-use crate::job::Job;
-use crate::measure::{Times, time_text};
+use crate::job::{Job, Times, time_text};
 
 /// Names listed in one line.
 const LISTED_NAMES: usize = 6;

@@ -14,6 +14,7 @@ use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
 
+pub(crate) use process::Decoder;
 pub use process::{Process, ProcessHandle, command};
 
 /// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].

@@ -1,7 +1,6 @@
 //! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. It is opened as
 //! a scene whose photos are the cameras' first frames.
 
-mod decoder;
 mod feed;
 mod steps;
 

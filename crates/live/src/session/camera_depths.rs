@@ -27,6 +27,7 @@ const MAX_DIRTY_SHARE: f64 = 0.75;
 type Cells = Array2<[f32; 3]>;
 
 /// Depth maps of the cameras of a rig.
+#[derive(Debug)]
 pub(super) struct CameraDepths {
     maps: DepthMaps,
     /// The photo of each camera when its depth was searched.

@@ -171,6 +171,7 @@ pub enum LiveError {
 }
 
 /// Renders the time steps of a rig, one after the other.
+#[derive(Debug)]
 pub struct LiveSession {
     cameras: Vec<Camera>,
     /// Largest V first.
@@ -182,15 +183,6 @@ pub struct LiveSession {
     carried: Carried,
     /// Frames since the last search or selection.
     age: usize,
-}
-
-impl fmt::Debug for LiveSession {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LiveSession")
-            .field("cameras", &self.cameras.len())
-            .field("settings", &self.settings)
-            .finish_non_exhaustive()
-    }
 }
 
 impl LiveSession {

@@ -4,7 +4,6 @@
 mod gather;
 mod player;
 mod report;
-mod sink;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -25,10 +24,9 @@ use crate::interrupt::{self, Interrupted};
 use crate::rig::{Rig, SPARE_CAMERAS};
 use crate::session::{LiveSession, LiveSettings, Policy};
 use gather::{Clock, Faults, Gathering};
-pub use player::Progress;
+pub use player::{FRAME_PREFIX, Progress, Sink, frame_file};
 use player::{Player, scaled};
 use report::{Scorer, Tally, summary};
-pub use sink::{FRAME_PREFIX, Sink, frame_file};
 
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
 const RENDER_SHARE: f64 = 0.9;

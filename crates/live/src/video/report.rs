@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use super::Viewpoint;
 use super::gather::Faults;
-use super::sink::Written;
+use super::player::Written;
 use crate::governor::Level;
 use crate::memory::resident_memory;
 use crate::rig::Rig;
@@ -95,9 +95,8 @@ impl Tally {
         self.logits_not_finite += frame.frame.logits_not_finite;
         self.covered = self.covered || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
-        if let LayerSource::Propagated { refreshed } = frame.layer_source {
-            self.refreshed += refreshed;
-        }
+        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
+        self.refreshed += refreshed;
         let spent = stage_times(&frame.times);
         self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
         if let Some(Scores { score, flicker }) = scores {
@@ -107,15 +106,8 @@ impl Tally {
                 }
             }
         }
-        let times: serde_json::Map<String, Value> = self
-            .stages
-            .iter()
-            .zip(spent)
-            .map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64())))
-            .collect();
-        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
         self.line(json!({
-            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
+            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
             "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
         }))
     }
@@ -153,29 +145,23 @@ impl Tally {
         self.spent.map(|spent| spent.as_secs_f64() / self.rendered.max(1) as f64)
     }
 
+    /// Seconds of each stage by its name, as JSON.
+    fn by_stage(&self, seconds: [f64; 5]) -> Value {
+        self.stages.iter().zip(seconds).map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))).collect()
+    }
+
     /// Numbers of frames by the source of their layers, as text.
     pub(super) fn layer_sources(&self) -> String {
         let counts = self.layer_sources.iter().map(|(source, frames)| format!("{source} {frames}"));
         let counts = counts.collect::<Vec<_>>().join(", ");
         let share = self.refreshed / self.rendered.max(1) as f64;
-        let refreshed = if share > 0.0 {
-            format!("; {:.1} % of a frame refreshed on average", 100.0 * share)
-        } else {
-            String::new()
-        };
-        counts + &refreshed
+        if share > 0.0 { counts + &format!("; {:.1} % of a frame refreshed on average", 100.0 * share) } else { counts }
     }
 
     pub(super) fn json(&self) -> Value {
-        let seconds: serde_json::Map<String, Value> = self
-            .stages
-            .iter()
-            .zip(self.seconds())
-            .map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds)))
-            .collect();
         json!({
             "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
-            "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
+            "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": self.by_stage(self.seconds()),
             "mean": { "psnr": self.mean(0), "ssim": self.mean(1), "flicker": self.mean(2) },
         })
     }
