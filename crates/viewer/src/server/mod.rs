@@ -1,13 +1,13 @@
 //! The HTTP server, in its own thread, and its connections: a WebSocket for each client, and files on request.
 
-mod limits;
 mod routes;
 mod socket;
 
+use std::collections::HashMap;
 use std::io;
 use std::net::{self, IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::pin::pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -19,8 +19,8 @@ use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::time::{sleep, timeout};
+use tokio_io_timeout::TimeoutStream;
 
-use limits::{AddressShares, StallGuard};
 use routes::routes;
 pub(crate) use routes::{App, Guard};
 
@@ -104,6 +104,9 @@ const CONNECTION_TIMEOUT: Duration = Duration::from_secs(600);
 /// Time before accepting again after a failure, such as too many open files.
 const RETRY: Duration = Duration::from_millis(100);
 
+/// How long a client may receive nothing while there is something to send.
+const STALL_TIMEOUT: Duration = Duration::from_secs(8);
+
 /// Serves until `stopping` is true; open connections hold a clone of it until they have ended.
 pub(crate) async fn serve(
     listener: TcpListener,
@@ -125,8 +128,10 @@ pub(crate) async fn serve(
         let Some(share) = shares.open(address) else { continue };
         // Frames are sent at once, not together with the next one.
         let _ = stream.set_nodelay(true);
+        let mut stream = Box::pin(TimeoutStream::new(stream));
+        stream.as_mut().set_write_timeout_pinned(Some(STALL_TIMEOUT));
         let service = TowerToHyperService::new(routes.clone());
-        let connection = http.serve_connection(TokioIo::new(StallGuard::new(stream)), service).with_upgrades();
+        let connection = http.serve_connection(TokioIo::new(stream), service).with_upgrades();
         let (mut stopping, served) = (stopping.clone(), Arc::clone(&served));
         tokio::spawn(async move {
             // First of the address, so that those that wait take no place from other addresses.
@@ -159,6 +164,58 @@ async fn accept(
             Ok((stream, address)) => return Ok((place, stream, address.ip())),
             Err(_) => sleep(RETRY).await,
         }
+    }
+}
+
+/// Connections of an address that are served at a time.
+const MAX_SERVED_OF_ADDRESS: usize = 48;
+/// Connections of an address that are open at a time; those that are not served wait.
+const MAX_OPEN_OF_ADDRESS: usize = 96;
+
+/// The connections of each address that has any.
+#[derive(Debug, Clone, Default)]
+struct AddressShares(Arc<Mutex<HashMap<IpAddr, Share>>>);
+
+#[derive(Debug)]
+struct Share {
+    open: usize,
+    served: Arc<Semaphore>,
+}
+
+/// An open connection, which counts until it is dropped.
+#[derive(Debug)]
+struct OpenConnection {
+    shares: AddressShares,
+    address: IpAddr,
+    /// A permit is needed to be served.
+    served: Arc<Semaphore>,
+}
+
+impl AddressShares {
+    fn lock(&self) -> MutexGuard<'_, HashMap<IpAddr, Share>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts a connection; `None` if the address has as many as it may.
+    fn open(&self, address: IpAddr) -> Option<OpenConnection> {
+        let mut shares = self.lock();
+        let new = || Share { open: 0, served: Arc::new(Semaphore::new(MAX_SERVED_OF_ADDRESS)) };
+        let share = shares.entry(address).or_insert_with(new);
+        if share.open >= MAX_OPEN_OF_ADDRESS {
+            return None;
+        }
+        share.open += 1;
+        Some(OpenConnection { shares: self.clone(), address, served: Arc::clone(&share.served) })
+    }
+}
+
+impl Drop for OpenConnection {
+    fn drop(&mut self) {
+        let mut shares = self.shares.lock();
+        if let Some(share) = shares.get_mut(&self.address) {
+            share.open -= 1;
+        }
+        shares.retain(|_, share| share.open > 0);
     }
 }
 

@@ -11,7 +11,6 @@ use serde_json::Value;
 use tokio::sync::{mpsc, watch};
 use tokio::time::{interval, timeout};
 
-use super::limits::MessageRate;
 use super::routes::App;
 use crate::requests::{Message, ViewRequest, Viewpoint};
 
@@ -122,6 +121,32 @@ fn receive(
 /// Largest message, bytes.
 pub(crate) const MAX_BYTES: usize = 4096;
 
+/// Messages per second that are allowed in the long run.
+const PER_SECOND: f64 = 200.0;
+/// Messages that are allowed at once.
+const BURST: f64 = 200.0;
+
+/// A token bucket.
+#[derive(Debug)]
+struct MessageRate {
+    tokens: f64,
+    filled_at: Instant,
+}
+
+impl MessageRate {
+    fn new(now: Instant) -> Self {
+        Self { tokens: BURST, filled_at: now }
+    }
+
+    /// Counts a message; whether it is allowed.
+    fn allows(&mut self, now: Instant) -> bool {
+        self.tokens = (self.tokens + PER_SECOND * (now - self.filled_at).as_secs_f64()).min(BURST);
+        self.filled_at = now;
+        self.tokens -= 1.0;
+        self.tokens >= 0.0
+    }
+}
+
 /// A message of a client.
 #[derive(Debug)]
 pub(crate) enum ClientMessage {
@@ -221,5 +246,15 @@ mod tests {
             let refused = parse(text, &limits).unwrap_err();
             assert!(refused.contains(word), "{word}: {refused}");
         }
+    }
+
+    #[test]
+    fn a_burst_is_allowed_then_the_long_term_rate() {
+        let start = Instant::now();
+        let mut rate = MessageRate::new(start);
+        assert!((0..200).all(|_| rate.allows(start)));
+        assert!(!rate.allows(start));
+        let mut rate = MessageRate::new(start);
+        assert!((0..10_000).all(|i| rate.allows(start + Duration::from_millis(6 * i))));
     }
 }
