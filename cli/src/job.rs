@@ -6,6 +6,8 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use liveview::render::{Batch, Frame, Renderer, StageTimes};
 use liveview_live::agreement;
+use liveview_live::rig::Rig;
+use liveview_live::video::RigSettings;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
@@ -80,6 +82,19 @@ impl Job {
         self.agreeing_share = agreeing;
         Ok(frame)
     }
+}
+
+/// Opens the models for a rig, also those for fewer views.
+pub(crate) fn open_rig(
+    rig: Rig,
+    model: &ModelArgs,
+    given: Option<&LayerSpec>,
+    keep_exposure: bool,
+) -> Result<(RigSettings, ModelInfo)> {
+    let (renderer, layers, info) = model.open_for(given)?;
+    let mut renderers = model.open_smaller(renderer.network().views(), given)?;
+    renderers.push(renderer);
+    Ok((RigSettings { rig, renderers, with_models: info.model.is_some(), layers, keep_exposure }, info))
 }
 
 /// Wall time of each stage of one picture.

@@ -14,10 +14,9 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use liveview::geometry::middle_camera;
-use liveview::render::Renderer;
 use liveview::{Camera, Intrinsics};
-use liveview_live::rig::Rig;
-use liveview_synthesizer::{LayerSpec, Scene, Synthesizer, Targets};
+use liveview_live::video::RigSettings;
+use liveview_synthesizer::{Scene, Synthesizer, Targets};
 use serde_json::{Value, json};
 
 use renderer::{Photos, Source, Video, ViewRenderer};
@@ -134,26 +133,14 @@ pub enum Shown {
     /// The photos of a scene.
     Photos(Box<Synthesizer>),
     /// The video of a rig.
-    Video(Box<RigVideo>),
-}
-
-/// The video of a rig.
-#[derive(Debug)]
-pub struct RigVideo {
-    /// The cameras.
-    pub rig: Rig,
-    /// The networks, those of fewer views first; the last is the one that is used while all cameras deliver.
-    pub renderers: Vec<Renderer>,
-    /// Whether these are models, which predict opacities.
-    pub with_models: bool,
-    /// Layers per run of the network.
-    pub batch: usize,
-    /// The layers.
-    pub layers: LayerSpec,
-    /// Whether the exposure of the photos is not balanced.
-    pub keep_exposure: bool,
-    /// Time steps per second.
-    pub rate: f64,
+    Video {
+        /// The rig, and how its pictures are rendered.
+        rig: Box<RigSettings>,
+        /// Layers per run of the network.
+        batch: usize,
+        /// Time steps per second.
+        rate: f64,
+    },
 }
 
 /// How it is shown.
@@ -192,7 +179,7 @@ pub(crate) struct Opened {
 pub(crate) fn open(shown: Shown, settings: &ViewSettings, queue: &Arc<RequestQueue>) -> Result<Opened> {
     match shown {
         Shown::Photos(synthesizer) => open_photos(*synthesizer, settings, queue),
-        Shown::Video(video) => open_rig(*video, settings),
+        Shown::Video { rig, batch, rate } => open_rig(*rig, (batch, rate), settings),
     }
 }
 
@@ -207,13 +194,13 @@ fn open_photos(synthesizer: Synthesizer, settings: &ViewSettings, queue: &Arc<Re
     Ok(Opened { source: Box::new(photos), start_view, near, video: None })
 }
 
-fn open_rig(video: RigVideo, settings: &ViewSettings) -> Result<Opened> {
-    let (scene, held_out) = (video.rig.views.scene(), &settings.held_out);
+fn open_rig(rig: RigSettings, (batch, rate): (usize, f64), settings: &ViewSettings) -> Result<Opened> {
+    let (scene, held_out) = (rig.rig.views.scene(), &settings.held_out);
     let start_view = start_view(scene, held_out)?;
     let camera = scene.views[start_view].camera.clone();
     let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
-    let info = VideoInfo { steps: video.rig.steps(&free)?, rate: video.rate };
-    let video = Video::open(video, free)?;
+    let info = VideoInfo { steps: rig.rig.steps(&free)?, rate };
+    let video = Video::open(rig, free, batch)?;
     video.cameras_for(&camera)?;
     Ok(Opened { near: Some(video.near()), source: Box::new(video), start_view, video: Some(info) })
 }

@@ -31,23 +31,40 @@ use report::{Scorer, Tally, summary};
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
 const RENDER_SHARE: f64 = 0.9;
 
-/// What is rendered, and how.
+/// A rig, and how its pictures are rendered.
 #[derive(Debug)]
-pub struct VideoSettings {
+pub struct RigSettings {
     /// The cameras.
     pub rig: Rig,
-    /// The target camera of each frame.
-    pub viewpoint: Viewpoint,
     /// The networks, those of fewer views first; the last is the one that is used while all cameras deliver.
     pub renderers: Vec<Renderer>,
     /// Whether these are models, which predict opacities.
     pub with_models: bool,
     /// The layers.
     pub layers: LayerSpec,
-    /// When layers are searched again.
-    pub policy: Policy,
     /// Whether the exposure of the photos is not balanced.
     pub keep_exposure: bool,
+}
+
+impl RigSettings {
+    /// A session of all cameras, with the depth range of those read.
+    pub fn session(&self, renderers: Vec<Renderer>, read: &[usize], policy: Policy) -> Result<LiveSession> {
+        let (near, far) = self.rig.views.depth_range(read, &[])?;
+        let (layers, keep_exposure) = (self.layers.clone(), self.keep_exposure);
+        let cameras = self.rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
+        Ok(LiveSession::new(cameras, renderers, LiveSettings { near, far, layers, policy, keep_exposure })?)
+    }
+}
+
+/// What is rendered, and how.
+#[derive(Debug)]
+pub struct VideoSettings {
+    /// The rig.
+    pub rig: RigSettings,
+    /// The target camera of each frame.
+    pub viewpoint: Viewpoint,
+    /// When layers are searched again.
+    pub policy: Policy,
     /// Time steps to render; `None`: all.
     pub frames: Option<Range<usize>>,
     /// Frames per second.
@@ -86,18 +103,13 @@ pub struct Rendered {
 impl Video {
     /// Checks the settings.
     pub fn new(mut settings: VideoSettings) -> Result<Self> {
-        let (renderers, rig) = (std::mem::take(&mut settings.renderers), &settings.rig);
+        let (renderers, rig) = (std::mem::take(&mut settings.rig.renderers), &settings.rig.rig);
         let counts = || renderers.iter().map(|renderer| renderer.network().views());
         let (fewest, views) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
         let truth = settings.viewpoint.truth;
         let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != truth).collect();
         let read = rig.cameras_for(settings.viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
-        let (near, far) = rig.views.depth_range(&read, &[])?;
-        let mut live = LiveSettings::new(near, far);
-        (live.layers, live.policy) = (settings.layers.clone(), settings.policy);
-        live.keep_exposure = settings.keep_exposure;
-        let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
-        let session = LiveSession::new(cameras, renderers, live)?;
+        let session = settings.rig.session(renderers, &read, settings.policy)?;
         let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
         let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
         let steps = settings.frames.clone().map_or(0..all, |range| range.start..range.end.min(all));
@@ -119,7 +131,8 @@ impl Video {
         report: &mut dyn FnMut(Progress<'_>),
     ) -> Result<Rendered> {
         let Self { settings, mut session, read, steps } = self;
-        let VideoSettings { rig, viewpoint, with_models, layers, policy, fps, .. } = settings;
+        let VideoSettings { rig, viewpoint, policy, fps, .. } = settings;
+        let RigSettings { rig, with_models, layers, .. } = rig;
         let (first, last) = (steps.start, steps.end);
         let tally = Tally::new(log, weighting)?;
         report(Progress::Begin((last < usize::MAX).then_some(last - first)));

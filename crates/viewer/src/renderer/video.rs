@@ -11,27 +11,25 @@ use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
 use liveview_live::governor::Governor;
 use liveview_live::interrupt;
-use liveview_live::rig::{Delivered, Feed, Reader, Rig, SPARE_CAMERAS};
-use liveview_live::session::{LiveError, LiveFrame, LiveSession, LiveSettings, Policy};
+use liveview_live::rig::{Delivered, Feed, Reader, SPARE_CAMERAS};
+use liveview_live::session::{LiveError, LiveFrame, LiveSession, Policy};
+use liveview_live::video::RigSettings;
 use liveview_synthesizer::{LayerSpec, Scene};
 use rayon::prelude::*;
 
 use super::{MOTION_BUDGET, Rendered, Source};
-use crate::RigVideo;
 use crate::requests::Viewpoint;
 
 /// One session for pictures in motion, and a fresh one for each time step shown at rest: depth that the first propagates between
 /// time steps is not as good.
 pub(crate) struct Video {
-    rig: Rig,
+    settings: RigSettings,
     frames: Frames,
     /// Indices of the cameras that are not held out.
     free: Vec<usize>,
     /// Nearest and farthest depth of these cameras, scene units.
     range: (f64, f64),
     networks: Networks,
-    layers: LayerSpec,
-    keep_exposure: bool,
     motion: LiveSession,
     governor: Governor,
     /// Whether a frame of the governor's level was rendered: the first takes longer and is not recorded.
@@ -49,21 +47,18 @@ struct Still {
 }
 
 impl Video {
-    /// `free`: the cameras that are not held out.
-    pub(crate) fn open(video: RigVideo, free: Vec<usize>) -> Result<Self> {
-        let RigVideo { rig, renderers, with_models, batch, layers, keep_exposure, .. } = video;
-        let governor = Governor::new(MOTION_BUDGET, &layers, with_models);
-        let networks = Networks::new(renderers, batch);
-        let range = rig.views.depth_range(&free, &[])?;
-        let motion = session(&rig, &free, &networks, &layers, keep_exposure)?;
+    /// `free`: the cameras that are not held out; `batch`: layers per run of the network.
+    pub(crate) fn open(mut settings: RigSettings, free: Vec<usize>, batch: usize) -> Result<Self> {
+        let governor = Governor::new(MOTION_BUDGET, &settings.layers, settings.with_models);
+        let networks = Networks::new(std::mem::take(&mut settings.renderers), batch);
+        let range = settings.rig.views.depth_range(&free, &[])?;
+        let motion = session(&settings, &networks, &free)?;
         Ok(Self {
-            frames: Frames::new(rig.views.scene().clone(), &rig.feeds),
-            rig,
+            frames: Frames::new(settings.rig.views.scene().clone(), &settings.rig.feeds),
+            settings,
             free,
             range,
             networks,
-            layers,
-            keep_exposure,
             motion,
             governor,
             settled: false,
@@ -83,14 +78,17 @@ impl Video {
     /// Too few cameras see what the target sees.
     pub(crate) fn cameras_for(&self, target: &Camera) -> Result<Vec<usize>> {
         let (fewest, views) = self.networks.views();
-        self.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE_CAMERAS))
+        self.settings.rig.cameras_for(std::slice::from_ref(target), &self.free, (fewest, views + SPARE_CAMERAS))
     }
 
     /// The photos for a picture in motion: of no more cameras than it needs, unless one of these has no photo.
     fn step_in_motion(&mut self, viewpoint: &Viewpoint) -> Result<Step> {
         if !matches!(self.governor.level().layers, LayerSpec::Surface(_)) {
-            let nearest =
-                self.rig.cameras_for(std::slice::from_ref(&viewpoint.camera), &self.free, self.networks.views())?;
+            let nearest = self.settings.rig.cameras_for(
+                std::slice::from_ref(&viewpoint.camera),
+                &self.free,
+                self.networks.views(),
+            )?;
             let step = self.frames.at(viewpoint.step, &nearest);
             if step.left_out.is_empty() {
                 return Ok(step);
@@ -115,24 +113,13 @@ fn rendered(frame: LiveFrame, layers: LayerSpec, read: Duration, step: Step, ran
 }
 
 /// A session of all cameras, with the depth range of those read.
-fn session(
-    rig: &Rig,
-    read: &[usize],
-    networks: &Networks,
-    layers: &LayerSpec,
-    keep_exposure: bool,
-) -> Result<LiveSession> {
-    let (near, far) = rig.views.depth_range(read, &[])?;
-    let mut settings = LiveSettings::new(near, far);
-    settings.policy = Policy::default_for(layers);
-    (settings.layers, settings.keep_exposure) = (layers.clone(), keep_exposure);
-    let cameras = rig.views.scene().views.iter().map(|view| view.camera.clone()).collect();
-    Ok(LiveSession::new(cameras, networks.renderers(), settings)?)
+fn session(settings: &RigSettings, networks: &Networks, read: &[usize]) -> Result<LiveSession> {
+    settings.session(networks.renderers(), read, Policy::default_for(&settings.layers))
 }
 
 impl Source for Video {
     fn scene(&self) -> &Scene {
-        self.rig.views.scene()
+        self.settings.rig.views.scene()
     }
 
     fn motion_scale(&self, _: usize) -> f64 {
@@ -166,18 +153,18 @@ impl Source for Video {
         let read = started.elapsed();
         // The depth of photos does not depend on the target: the session of the same photos is used again. Other layers do depend on it.
         let kept = self.still.take().filter(|still| still.step == viewpoint.step && still.cameras == cameras);
-        let mut still = match kept.filter(|_| matches!(self.layers, LayerSpec::Surface(_))) {
+        let mut still = match kept.filter(|_| matches!(self.settings.layers, LayerSpec::Surface(_))) {
             Some(still) => still,
             None => {
-                let session = session(&self.rig, &cameras, &self.networks, &self.layers, self.keep_exposure)?;
+                let session = session(&self.settings, &self.networks, &cameras)?;
                 Still { step: viewpoint.step, cameras, session }
             }
         };
         let frame =
             still.session.render(&step.photos(), &viewpoint.camera).map_err(|error| step.with_left_out(error))?;
-        let range = self.rig.views.depth_range(&still.cameras, &[])?;
+        let range = self.settings.rig.views.depth_range(&still.cameras, &[])?;
         self.still = Some(still);
-        Ok(rendered(frame, self.layers.clone(), read, step, range))
+        Ok(rendered(frame, self.settings.layers.clone(), read, step, range))
     }
 
     fn photo(&mut self, view: usize, step: usize) -> Result<ImageRgb> {
