@@ -127,7 +127,7 @@ impl OutputPlan {
         let shown = format!("{option} {}", folder.display());
         let real = resolved(folder).map_err(|error| anyhow!("{shown}: cannot be opened: {error}"))?;
         if is_its(&self.scene, &real) {
-            bail!("{shown}: is a folder of the scene {}; expected another folder", self.scene.root().display());
+            bail!("{shown}: is a folder of the scene {}; expected another folder", self.scene.root.display());
         }
         Ok(())
     }
@@ -147,7 +147,7 @@ impl OutputPlan {
 
     /// Whether a path is inside a scene folder.
     pub(crate) fn in_scene(&self, path: &Path) -> bool {
-        resolved(path).is_ok_and(|real| real.starts_with(self.scene.root()))
+        resolved(path).is_ok_and(|real| real.starts_with(self.scene.root))
     }
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
@@ -157,11 +157,11 @@ impl OutputPlan {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            let scene = self.scene.holds(real).then(|| self.scene.root());
+            let scene = self.scene.holds(real).then(|| self.scene.root);
             check_own(shown, file, scene, existing)?;
         }
         if let Some(part) = self.scene.reads(real) {
-            let root = self.scene.root().display();
+            let root = self.scene.root.display();
             bail!("{shown}: would be read as {part} of the scene {root}; expected another file");
         }
         Ok(())
@@ -383,10 +383,6 @@ impl SceneFolder {
             root,
             linked: OnceCell::new(),
         }
-    }
-
-    fn root(&self) -> &Path {
-        &self.root
     }
 
     /// Whether an existing file is in the folder, or in the target of a link in it.

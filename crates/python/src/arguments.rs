@@ -8,7 +8,8 @@ use liveview::geometry::MAX_SIDE;
 use liveview_scene::Scene;
 use ndarray::{Array1, Array2, Dimension};
 use numpy::{
-    Element, PyArray1, PyArray2, PyArrayDescrMethods, PyReadonlyArray, PyUntypedArray, PyUntypedArrayMethods, dtype,
+    Element, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyReadonlyArray, PyUntypedArray, PyUntypedArrayMethods,
+    dtype,
 };
 use pyo3::PyErr;
 use pyo3::call::PyCallArgs;
@@ -18,6 +19,10 @@ use pyo3::types::PyDict;
 
 /// Any Python object, as an argument or a result.
 pub(crate) type Object<'py> = Bound<'py, PyAny>;
+/// A map as a result, `[h, w]`.
+pub(crate) type Map<'py, T = f32> = Bound<'py, PyArray2<T>>;
+/// Maps as a result, `[n, h, w]`.
+pub(crate) type Maps<'py, T = f32> = Bound<'py, PyArray3<T>>;
 
 /// The sides that the arguments of one call share, by letter.
 #[derive(Default)]

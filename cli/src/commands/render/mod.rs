@@ -68,7 +68,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     // An error after an interrupt, such as a network run that was ended, is reported as the
     // interrupt.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
-    let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
+    let (done, explanation) =
+        rendered.inspect_err(|_| outputs.record.iter().for_each(|record| record.print_how_to_resume(wanted)))?;
     check_coverage(&done, args)?;
     warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
@@ -191,7 +192,7 @@ fn render(
             files: outputs.files(&shot),
             shot,
         };
-        outputs.written(&one, digests)?;
+        outputs.record.as_mut().map_or(Ok(()), |record| record.add(&one, digests))?;
         done.push(one);
         kept = Some(plan).filter(|_| shared);
     }

@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use liveview_files::atomic::{AtomicFile, is_special};
 use liveview_files::bounded;
 use liveview_synthesizer::Score;
@@ -184,7 +184,8 @@ impl Record {
             "ssim": one.score.as_ref().map(|score| score.ssim), "uncovered_share": one.uncovered_share,
             "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
         });
-        self.append(&one.shot.name, entry).map_err(|error| self.write_error(&error))
+        self.append(&one.shot.name, entry)
+            .map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))
     }
 
     fn append(&mut self, name: &str, entry: Value) -> io::Result<()> {
@@ -213,10 +214,6 @@ impl Record {
         file.write_all(text.as_bytes())?;
         self.file = Some((file.finish_open()?, Instant::now()));
         Ok(())
-    }
-
-    fn write_error(&self, error: &io::Error) -> Error {
-        anyhow!("{}: cannot be written: {error}", self.path.display())
     }
 
     /// Prints how to continue after an error.

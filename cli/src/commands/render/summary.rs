@@ -1,5 +1,6 @@
 //! The rendered pictures, and the report on them: the summary of `render` as text and as JSON, and the table of scores as CSV.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -27,12 +28,7 @@ pub(super) fn rendered(
     video: Option<PathBuf>,
     explanation: Option<Output>,
 ) -> Output {
-    let mut text = match done {
-        [one] => single(job, one),
-        [] => String::new(),
-        many if moving => path(job, many),
-        many => table(job, many),
-    };
+    let mut text = pictures(job, done, moving);
     if let Some((frames, all)) = &share {
         line(&mut text, "frames", &format!("{} up to but without {}, of {all} of the path", frames.start, frames.end));
     }
@@ -74,51 +70,47 @@ fn target(job: &Job, one: &Rendered) -> Value {
     })
 }
 
-fn single(job: &Job, one: &Rendered) -> String {
-    let mut text = heading(job, std::slice::from_ref(one), &escaped(&one.shot.name));
-    line(&mut text, "views", &job.synthesizer.views().names(&one.shot.views).join(", "));
-    line_of_times(&mut text, std::slice::from_ref(one), "");
-    if let Some(score) = &one.score {
+/// The report on one picture, on the frames of a path, or on several pictures.
+fn pictures(job: &Job, done: &[Rendered], moving: bool) -> String {
+    let (what, of) = match done {
+        [] => return String::new(),
+        [one] => (escaped(&one.shot.name), ""),
+        many if moving => (format!("{} frames", many.len()), " (medians per frame)"),
+        many => (format!("{} pictures", many.len()), " (medians per picture)"),
+    };
+    let mut text = heading(job, done, &what);
+    match done {
+        [one] => line(&mut text, "views", &job.synthesizer.views().names(&one.shot.views).join(", ")),
+        many if moving => {
+            let views: BTreeSet<usize> = many.iter().flat_map(|one| one.shot.views.iter().copied()).collect();
+            let views: Vec<usize> = views.into_iter().collect();
+            line(&mut text, "views", &abbreviated(&job.synthesizer.views().names(&views)));
+        }
+        many => table(job, many, &mut text),
+    }
+    line_of_times(&mut text, done, of);
+    if let [Rendered { score: Some(score), .. }] = done {
         let score = format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border excluded)", score.psnr, score.ssim);
         line(&mut text, "score", &score);
     }
-    finish(&mut text, std::slice::from_ref(one));
-    text
-}
-
-fn path(job: &Job, done: &[Rendered]) -> String {
-    let mut text = heading(job, done, &format!("{} frames", done.len()));
-    let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
-    views.sort_unstable();
-    views.dedup();
-    line(&mut text, "views", &abbreviated(&job.synthesizer.views().names(&views)));
-    line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
 }
 
-fn table(job: &Job, done: &[Rendered]) -> String {
+/// The table of scores.
+fn table(job: &Job, done: &[Rendered], text: &mut String) {
     let width = done.iter().map(|one| one.shot.name.chars().count()).max().unwrap_or(0).max(4);
-    let mut text = heading(job, done, &format!("{} pictures", done.len()));
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
         let time = times.as_ref().map_or_else(|| "kept".to_owned(), |times| time_text(times.total()));
-        let views = job.synthesizer.views().names(&shot.views);
-        let _ = writeln!(
-            text,
-            "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}",
-            escaped(&shot.name),
-            escaped(&abbreviated(&views))
-        );
+        let (name, views) = (escaped(&shot.name), job.synthesizer.views().names(&shot.views));
+        let _ = writeln!(text, "{name:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", escaped(&abbreviated(&views)));
     }
     if let Some((psnr, ssim)) = mean(done) {
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border excluded)", "mean");
     }
     text.push('\n');
-    line_of_times(&mut text, done, " (medians per picture)");
-    finish(&mut text, done);
-    text
 }
 
 /// Size, layers and depth range.

@@ -24,8 +24,8 @@ use crate::interrupt::{self, Interrupted};
 use crate::rig::{Rig, SPARE_CAMERAS};
 use crate::session::{LiveSession, LiveSettings, Policy};
 use gather::{Clock, Faults, Gathering};
-pub use player::{FRAME_PREFIX, Progress, Sink, frame_file};
-use player::{Player, scaled};
+use player::Player;
+pub use player::{FRAME_PREFIX, Progress, Sink, frame_file, scaled};
 use report::{Scorer, Tally, summary};
 
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.

@@ -161,7 +161,7 @@ impl Player<'_> {
 }
 
 /// The target camera with both sides of the picture scaled.
-pub(super) fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
+pub fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
     let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
     Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
 }

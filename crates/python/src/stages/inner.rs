@@ -8,21 +8,18 @@ use liveview::render::{ViewCorrection, Visibility, occluded};
 use liveview::warp::{SourceView, WarpSource};
 use liveview_surface::stages::{self, Search};
 use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth};
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
 use super::surface::View;
 use super::warp::Photo;
-use crate::arguments::Object;
+use crate::arguments::{Map, Maps, Object};
 use crate::camera::{camera, cameras};
 
 type Planes<'py> = Option<PyReadonlyArray3<'py, u16>>;
 type GridArgument<'py> = (f64, f64, usize, usize, usize, Planes<'py>, Planes<'py>);
 /// Disparity, and the disparity worth one pixel.
 pub(super) type DepthArgument<'py> = (PyReadonlyArray2<'py, f32>, f32);
-type Map<'py, T> = Bound<'py, PyArray2<T>>;
-type Maps<'py> = Bound<'py, PyArray3<f32>>;
-type Costs<'py> = Bound<'py, PyArray3<u16>>;
 
 fn with_search<T>(
     (near, far, count, parts, cell, starts, ranges): GridArgument<'_>,
@@ -48,7 +45,7 @@ pub(crate) fn costs<'py>(
     photo: &Object<'py>,
     neighbours: &Object<'py>,
     grid: GridArgument<'py>,
-) -> PyResult<Costs<'py>> {
+) -> PyResult<Maps<'py, u16>> {
     let (photo, neighbours) = (Photo::pair("photo", photo)?, Photo::pairs("neighbours", neighbours)?);
     let neighbours: Vec<_> = neighbours.iter().map(Photo::source).collect();
     Ok(with_search(grid, |search| stages::matching_costs(&photo.source(), &neighbours, search)).into_pyarray(py))
@@ -61,7 +58,7 @@ pub(crate) fn tile_ranges<'py>(
     coarser: PyReadonlyArray2<'py, f32>,
     grid: GridArgument<'py>,
     size: (usize, usize),
-) -> Option<Costs<'py>> {
+) -> Option<Maps<'py, u16>> {
     let coarser = coarser.as_array().to_owned();
     with_search(grid, |search| stages::tile_ranges(&coarser, search, size)).map(|found| found.into_pyarray(py))
 }
@@ -72,34 +69,27 @@ pub(crate) fn aggregate<'py>(
     costs: PyReadonlyArray3<'py, u16>,
     photo: &Object<'py>,
     grid: GridArgument<'py>,
-) -> PyResult<Map<'py, f32>> {
+) -> PyResult<Map<'py>> {
     let (costs, photo) = (costs.as_array().to_owned(), Photo::pair("photo", photo)?);
     Ok(with_search(grid, |search| stages::aggregated(&costs, &photo.texture, search)).into_pyarray(py))
 }
 
 #[pyfunction]
-pub(crate) fn bands<'py>(py: Python<'py>, index: PyReadonlyArray2<'py, f32>, parts: usize, count: usize) -> Costs<'py> {
-    stages::segment_starts(&index.as_array().to_owned(), parts, count).into_pyarray(py)
+pub(crate) fn bands<'py>(index: PyReadonlyArray2<'py, f32>, parts: usize, count: usize) -> Maps<'py, u16> {
+    stages::segment_starts(&index.as_array().to_owned(), parts, count).into_pyarray(index.py())
 }
 
 /// The disparities of indices.
 #[pyfunction]
-pub(crate) fn disparity<'py>(
-    py: Python<'py>,
-    index: PyReadonlyArray2<'py, f32>,
-    grid: GridArgument<'py>,
-) -> Map<'py, f32> {
+pub(crate) fn disparity<'py>(index: PyReadonlyArray2<'py, f32>, grid: GridArgument<'py>) -> Map<'py> {
+    let py = index.py();
     with_search(grid, |search| stages::disparity(&index.as_array().to_owned(), search)).into_pyarray(py)
 }
 
 /// The depth of the first of these photos at the small size, searched among the others.
 #[pyfunction]
-pub(crate) fn small_map<'py>(
-    py: Python<'py>,
-    views: &Object<'py>,
-    near: f64,
-    far: f64,
-) -> PyResult<(Map<'py, f32>, f32)> {
+pub(crate) fn small_map<'py>(views: &Object<'py>, near: f64, far: f64) -> PyResult<(Map<'py>, f32)> {
+    let py = views.py();
     let views = Photo::pairs("views", views)?;
     let views: Vec<SourceView<'_>> = views.iter().map(Photo::source).collect();
     let found = stages::small_map(&views, (near, far));
@@ -108,11 +98,8 @@ pub(crate) fn small_map<'py>(
 
 /// What the others of a group confirm of each; cameras of the full size.
 #[pyfunction]
-pub(crate) fn group_confirmed<'py>(
-    py: Python<'py>,
-    cameras: &Object<'py>,
-    maps: Vec<DepthArgument<'py>>,
-) -> PyResult<Vec<Map<'py, f32>>> {
+pub(crate) fn group_confirmed<'py>(cameras: &Object<'py>, maps: Vec<DepthArgument<'py>>) -> PyResult<Vec<Map<'py>>> {
+    let py = cameras.py();
     let cameras = self::cameras("cameras", cameras)?;
     let maps: Vec<_> = maps.iter().map(depth).collect();
     let found = stages::group_confirmed(&cameras.iter().collect::<Vec<_>>(), &maps).into_iter();
@@ -128,7 +115,7 @@ pub(crate) fn anchors<'py>(
     maps: Vec<DepthArgument<'py>>,
     confirmed: Vec<PyReadonlyArray2<'py, f32>>,
     found: DepthArgument<'py>,
-) -> PyResult<(Map<'py, bool>, Map<'py, f32>)> {
+) -> PyResult<(Map<'py, bool>, Map<'py>)> {
     let cameras = self::cameras("cameras", cameras)?;
     let maps: Vec<_> = maps.iter().map(depth).collect();
     let sure = |(map, sure): (&PhotoDepth, &PyReadonlyArray2<'_, f32>)| ConfirmedDepth {
@@ -147,7 +134,7 @@ pub(crate) fn anchored_costs<'py>(
     kept: PyReadonlyArray2<'py, bool>,
     anchor: PyReadonlyArray2<'py, f32>,
     grid: GridArgument<'py>,
-) -> Costs<'py> {
+) -> Maps<'py, u16> {
     let (costs, anchor) = (costs.as_array().to_owned(), anchor.as_array().to_owned());
     with_search(grid, |search| stages::anchored_costs(&costs, kept.as_array().to_owned(), &anchor, search))
         .into_pyarray(py)
@@ -168,7 +155,7 @@ pub(crate) fn nearer_edges<'py>(
     photos: &Object<'py>,
     maps: Vec<DepthArgument<'py>>,
     confirmed: PyReadonlyArray2<'py, bool>,
-) -> PyResult<Map<'py, f32>> {
+) -> PyResult<Map<'py>> {
     let photos = Photo::pairs("photos", photos)?;
     let maps: Vec<_> = maps.iter().map(depth).collect();
     let set: Vec<_> = photos.iter().map(Photo::source).zip(&maps).collect();
@@ -186,12 +173,8 @@ pub(crate) fn pixel_of(views: &Object<'_>, target: &Object<'_>, near: f64, far: 
 
 /// The views' confirmed depth at the target; `pixel`: the disparity worth one there.
 #[pyfunction]
-pub(crate) fn splat<'py>(
-    py: Python<'py>,
-    views: &Object<'py>,
-    target: &Object<'py>,
-    pixel: f32,
-) -> PyResult<Map<'py, f32>> {
+pub(crate) fn splat<'py>(views: &Object<'py>, target: &Object<'py>, pixel: f32) -> PyResult<Map<'py>> {
+    let py = views.py();
     let views = View::all(views)?;
     let views: Vec<_> = views.iter().map(View::of).collect();
     Ok(stages::splatted(&views, &camera("target", target)?, pixel).into_pyarray(py))
@@ -204,7 +187,7 @@ pub(crate) fn photo_variance<'py>(
     visible: PyReadonlyArray3<'py, f32>,
     target: &Object<'py>,
     surface: PyReadonlyArray2<'py, f32>,
-) -> PyResult<Map<'py, f32>> {
+) -> PyResult<Map<'py>> {
     let (views, target) = (View::all(views)?, camera("target", target)?);
     let sources = views.iter().map(|view| WarpSource {
         gains: view.gains,
@@ -224,7 +207,7 @@ pub(crate) fn target_search<'py>(
     splatted: PyReadonlyArray2<'py, f32>,
     near: f64,
     far: f64,
-) -> PyResult<(Maps<'py>, Map<'py, f32>)> {
+) -> PyResult<(Maps<'py>, Map<'py>)> {
     let views = View::all(views)?;
     let views: Vec<_> = views.iter().map(View::of).collect();
     let (target, splatted) = (camera("target", target)?, splatted.as_array().to_owned());

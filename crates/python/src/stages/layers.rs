@@ -7,11 +7,11 @@ use liveview::warp::warp_sources;
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use liveview_synthesizer::MAX_LAYERS;
 use ndarray::{Array3, Ix3};
-use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::warp::{Photo, photos};
-use crate::arguments::{Object, Sides, named, value, vector, whole};
+use crate::arguments::{Maps, Object, Sides, named, value, vector, whole};
 use crate::camera::camera;
 use crate::engine::compute;
 
@@ -113,7 +113,7 @@ pub(crate) fn guided_layers<'py>(
     far: f64,
     count: &Object<'py>,
     planes: Option<&Object<'py>>,
-) -> PyResult<Bound<'py, PyArray3<f32>>> {
+) -> PyResult<Maps<'py>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let (count, planes) = (layer_count(count)?, coarse_planes(planes)?);
     let maps = compute(py, || {

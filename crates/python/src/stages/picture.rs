@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use liveview::layers::{Layers, padded};
-use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork, Precision};
+use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
 use liveview::warp::warp_sources;
 use liveview_surface::guided::GuidedSearch;
 use liveview_synthesizer::{LayerSpec, Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth};
-use ndarray::Array4;
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -42,12 +41,7 @@ pub(crate) fn logits<'py>(
     openvino: Option<PathBuf>,
 ) -> PyResult<Bound<'py, PyArray4<f32>>> {
     let mut network = open(py, &model, openvino.as_deref())?;
-    let (n, _, height, width) = colour.as_array().dim();
-    let mut logits = Array4::zeros((n, network.views(), height, width));
-    // Models do not look at the coverage.
-    let coverage = Array4::ones(logits.dim());
-    network.infer(colour.as_array(), coverage.view(), logits.view_mut()).map_err(library)?;
-    Ok(logits.into_pyarray(py))
+    Ok(super::render::logits(&mut network, colour.as_array())?.into_pyarray(py))
 }
 
 /// The stages of the guided search between the depths of `range`, for `count` layers.

@@ -8,16 +8,16 @@ use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, LayerSamples};
 use liveview_synthesizer::Model;
 use ndarray::{Array2, Array3, Array4, ArrayView3, ArrayView4, Ix2, Ix3, Ix4, Ix5, s};
-use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray4, PyReadonlyArray};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use crate::arguments::{Object, Sides, as_array, distances, library, named, value, whole};
+use crate::arguments::{Maps, Object, Sides, as_array, distances, library, named, value, whole};
 use crate::engine::compute;
 use crate::synthesizer::model_options;
 
 /// Opacity and colour.
-type AlphaRgb<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
+type AlphaRgb<'py> = (Maps<'py>, Bound<'py, PyArray4<f32>>);
 
 /// Opacity [N, H, W] and colour [N, 3, H, W] of layers, of logits [N, V, H, W], colour [N, V, 3, H,
 /// W], coverage [N, V, H, W] and the views' distances [V] or [N, V], scene units.
@@ -205,18 +205,21 @@ impl Network {
         let shape = format!("n {} h w", 3 * self.views);
         let hwv: PyReadonlyArray<'py, f32, Ix4> = Sides::default().array("hwv", hwv, &shape)?;
         let hwv = hwv.as_array();
-        let (n, _, height, width) = hwv.dim();
+        let (_, _, height, width) = hwv.dim();
         if height % STRIDE != 0 || width % STRIDE != 0 {
             return Err(value("hwv", format!("{height} rows, {width} columns; expected multiples of {STRIDE}")));
         }
-        let logits = compute(py, || {
-            let mut logits = Array4::zeros((n, self.views, height, width));
-            // Models do not look at it.
-            let coverage = Array4::ones((n, self.views, height, width));
-            let mut network = self.network.lock().unwrap_or_else(PoisonError::into_inner);
-            network.infer(hwv, coverage.view(), logits.view_mut()).map_err(library)?;
-            Ok(logits)
-        })?;
+        let logits = compute(py, || logits(&mut self.network.lock().unwrap_or_else(PoisonError::into_inner), hwv))?;
         Ok(logits.into_pyarray(py))
     }
+}
+
+/// Logits [n, V, h, w] of warped colours [n, 3 V, h, w].
+pub(super) fn logits(network: &mut OrtNetwork, colour: ArrayView4<'_, f32>) -> PyResult<Array4<f32>> {
+    let (n, _, height, width) = colour.dim();
+    let mut logits = Array4::zeros((n, network.views(), height, width));
+    // Models do not look at the coverage.
+    let coverage = Array4::ones(logits.dim());
+    network.infer(colour, coverage.view(), logits.view_mut()).map_err(library)?;
+    Ok(logits)
 }

@@ -6,12 +6,12 @@ use liveview::layers::padded;
 use liveview::warp::SourceView;
 use liveview_surface::{self, self as library, ConfirmedDepth, ConsistencyVotes, SurfaceView, stages};
 use ndarray::{Array2, ArrayView2, Ix2};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::layers::{layer_count, maps_of};
 use super::warp::{Photo, two};
-use crate::arguments::{Object, Sides, distances, kind, named, some, value, vector, whole};
+use crate::arguments::{Map, Maps, Object, Sides, distances, kind, named, some, value, vector, whole};
 use crate::camera::camera;
 use crate::engine::compute;
 
@@ -50,13 +50,8 @@ impl View {
 
 /// The target's surface from the confirmed depth of photos, nearest first.
 #[pyfunction]
-pub(crate) fn surface<'py>(
-    py: Python<'py>,
-    views: &Object<'py>,
-    target: &Object<'py>,
-    near: f64,
-    far: f64,
-) -> PyResult<Object<'py>> {
+pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64, far: f64) -> PyResult<Object<'py>> {
+    let py = views.py();
     let (views, target) = (View::all(views)?, camera("target", target)?);
     check_range(near, far)?;
     let found = compute(py, || {
@@ -68,11 +63,8 @@ pub(crate) fn surface<'py>(
 
 /// `Surface.layers`.
 #[pyfunction(name = "_surface_layers")]
-pub(crate) fn surface_layers<'py>(
-    py: Python<'py>,
-    disparity: &Object<'py>,
-    count: &Object<'py>,
-) -> PyResult<Bound<'py, PyArray3<f32>>> {
+pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) -> PyResult<Maps<'py>> {
+    let py = disparity.py();
     let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
@@ -85,11 +77,8 @@ pub(crate) fn surface_layers<'py>(
 
 /// Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target.
 #[pyfunction]
-pub(crate) fn exposure_gains<'py>(
-    py: Python<'py>,
-    views: &Object<'py>,
-    distances: &Object<'py>,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) -> PyResult<Map<'py>> {
+    let py = views.py();
     let views = View::all(views)?;
     let distances = self::distances("distances", distances, &views.len().to_string())?.to_vec();
     let found = compute(py, || {
@@ -117,7 +106,7 @@ pub(crate) fn visible<'py>(
     target: &Object<'py>,
     disparity: &Object<'py>,
     margin: f32,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+) -> PyResult<Map<'py>> {
     let found = seen(py, [camera, confirmed, target, disparity], margin)?;
     Ok(found.mapv(|sees| if sees == 0.0 { 0.0 } else { 1.0 }).into_pyarray(py))
 }
@@ -131,7 +120,7 @@ pub(crate) fn visible_or_past<'py>(
     target: &Object<'py>,
     disparity: &Object<'py>,
     margin: f32,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+) -> PyResult<Map<'py>> {
     Ok(seen(py, [camera, confirmed, target, disparity], margin)?.into_pyarray(py))
 }
 
@@ -156,14 +145,14 @@ fn seen<'py>(
 
 /// The map [h, w] with its holes, pixels below 0, filled from their farthest neighbours.
 #[pyfunction]
-pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Object<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Object<'py>) -> PyResult<Map<'py>> {
     let map = map2("map_", map_)?;
     Ok(compute(py, || Ok(stages::fill_holes(&map)))?.into_pyarray(py))
 }
 
 /// 3 x 3 median of a map [h, w], edges repeated.
 #[pyfunction]
-pub(crate) fn median3<'py>(py: Python<'py>, x: &Object<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn median3<'py>(py: Python<'py>, x: &Object<'py>) -> PyResult<Map<'py>> {
     let map = map2("x", x)?;
     Ok(compute(py, || Ok(stages::median3(&map)))?.into_pyarray(py))
 }
@@ -226,11 +215,8 @@ pub(super) fn check_range(near: f64, far: f64) -> PyResult<()> {
 
 /// The pixels [h, w] bool of map `which` that the other maps confirm.
 #[pyfunction]
-pub(crate) fn confirmed<'py>(
-    py: Python<'py>,
-    which: &Object<'py>,
-    maps: &Object<'py>,
-) -> PyResult<Bound<'py, PyArray2<bool>>> {
+pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResult<Map<'py, bool>> {
+    let py = which.py();
     let maps = some("maps", maps)?;
     let maps = maps.iter().map(|(name, pair)| camera_and_depth(name, pair)).collect::<PyResult<Vec<_>>>()?;
     let which = whole("which", which)?;

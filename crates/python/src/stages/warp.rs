@@ -8,15 +8,15 @@ use liveview::{ImageRgb, geometry};
 use liveview_surface::stages;
 use liveview_synthesizer::ViewAgreement;
 use ndarray::{Array3, Array4, ArrayView3, Axis, Ix3, Ix4, Ix5};
-use numpy::{IntoPyArray, PyArray1, PyArray3, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Object, Sides, items, kind, library, some, value, whole};
+use crate::arguments::{Maps, Object, Sides, items, kind, library, some, value, whole};
 use crate::camera::{camera, cameras};
 use crate::engine::compute;
 
 /// Colour and coverage.
-type Warped<'py> = (Bound<'py, PyArray4<f32>>, Bound<'py, PyArray3<f32>>);
+type Warped<'py> = (Bound<'py, PyArray4<f32>>, Maps<'py>);
 
 /// Warps a photo [3, h, w] by maps of disparity [L, H, W] to colour [L, 3, H, W] and coverage [L,
 /// H, W]. The photo is at 1/scale of its camera's size, a pixel of the maps is `scale` pixels of
@@ -62,7 +62,7 @@ fn scaled(sweep: PlaneSweep, scale: f64) -> PlaneSweep {
 
 /// The photo [3, h, w] plus `amount` times its detail, in [0, 1].
 #[pyfunction]
-pub(crate) fn sharpened<'py>(py: Python<'py>, image: &Object<'py>, amount: f32) -> PyResult<Bound<'py, PyArray3<f32>>> {
+pub(crate) fn sharpened<'py>(py: Python<'py>, image: &Object<'py>, amount: f32) -> PyResult<Maps<'py>> {
     let picture = self::image("image", image)?;
     if !amount.is_finite() {
         return Err(value("amount", format!("{amount}; expected a finite number")));
@@ -183,11 +183,8 @@ pub(crate) fn choose_views(cameras: &Object<'_>, target: &Object<'_>, count: &Ob
 
 /// Distances of the cameras' centres to the target's, [V] float64, scene units.
 #[pyfunction]
-pub(crate) fn view_distances<'py>(
-    py: Python<'py>,
-    cameras: &Object<'py>,
-    target: &Object<'py>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+pub(crate) fn view_distances<'py>(cameras: &Object<'py>, target: &Object<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let py = cameras.py();
     let (found, target) = (self::cameras("cameras", cameras)?, camera("target", target)?);
     let found: Vec<f64> = found.iter().map(|camera| geometry::distance(camera, &target)).collect();
     Ok(found.into_pyarray(py))

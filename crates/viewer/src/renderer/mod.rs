@@ -326,10 +326,7 @@ impl ViewRenderer {
 
 /// A viewpoint whose picture has its sides scaled.
 fn scaled(viewpoint: &Viewpoint, scale: f64) -> Result<Viewpoint> {
-    let full = viewpoint.camera.size();
-    let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
-    let camera = viewpoint.camera.with_size_scaled(side(full.width), side(full.height))?;
-    Ok(Viewpoint { camera, step: viewpoint.step })
+    Ok(Viewpoint { camera: liveview_live::video::scaled(&viewpoint.camera, scale)?, step: viewpoint.step })
 }
 
 /// Disparity as colours that span what the picture shows, but for a hundredth of its pixels at either end.
