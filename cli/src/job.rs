@@ -11,9 +11,7 @@ use liveview_live::video::RigSettings;
 use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::model_info::ModelInfo;
+use crate::args::{LayerArgs, ModelArgs, ModelInfo};
 use crate::console::{print_message, print_notes};
 use crate::outputs::OutputPlan;
 

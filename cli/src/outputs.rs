@@ -16,7 +16,7 @@ use liveview_files::bounded;
 use liveview_synthesizer::Scene;
 use serde_json::Value;
 
-use crate::args::output::{has_extension, refuse_stdout};
+use crate::args::{has_extension, refuse_stdout};
 use crate::console::print_message;
 
 /// The output files of a command.
@@ -147,7 +147,7 @@ impl OutputPlan {
 
     /// Whether a path is inside a scene folder.
     pub(crate) fn in_scene(&self, path: &Path) -> bool {
-        resolved(path).is_ok_and(|real| real.starts_with(self.scene.root))
+        resolved(path).is_ok_and(|real| real.starts_with(&self.scene.root))
     }
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
@@ -157,7 +157,7 @@ impl OutputPlan {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            let scene = self.scene.holds(real).then(|| self.scene.root);
+            let scene = self.scene.holds(real).then_some(&*self.scene.root);
             check_own(shown, file, scene, existing)?;
         }
         if let Some(part) = self.scene.reads(real) {

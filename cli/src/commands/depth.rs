@@ -19,11 +19,10 @@ use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
-use crate::args::help::ADVANCED;
-use crate::args::model::start_threads;
-use crate::args::numbers;
-use crate::args::output::{has_extension, refuse_stdout, stem, write_atomically};
-use crate::args::scene::{SceneArgs, held_out, named, refuse_twice};
+use crate::args::{
+    ADVANCED, SceneArgs, has_extension, held_out, named, numbers, refuse_stdout, refuse_twice, start_threads, stem,
+    write_atomically,
+};
 use crate::console::{Output, path_text, print_message, print_notes, progress};
 use crate::interrupt;
 use crate::job::time_text;
@@ -146,7 +145,7 @@ fn planned_files(
         bail!("-o {shown}: expected a folder");
     }
     let same = |other: &Path| folder.canonicalize().is_ok_and(|folder| other.canonicalize().is_ok_and(|o| o == folder));
-    if truth.is_some_and(|truth| same(truth.folder())) {
+    if truth.is_some_and(|truth| same(&truth.folder)) {
         bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
     }
     let mut output_plan = OutputPlan::new(scene);
@@ -336,11 +335,6 @@ impl Truth {
             Some(delta_max) if delta_max > 0.0 => Ok(Some(Self { folder, delta_max })),
             _ => bail!("{}: \"delta_max\" is {}; expected a number above 0", path.display(), scale["delta_max"]),
         }
-    }
-
-    /// The folder that holds it.
-    fn folder(&self) -> &Path {
-        &self.folder
     }
 
     /// Compares a photo's depth with the truth, if the photo has one.

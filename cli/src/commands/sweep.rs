@@ -9,10 +9,7 @@ use liveview_live::memory::peak_memory;
 use liveview_synthesizer::LayerSpec;
 use serde_json::Value;
 
-use crate::args::model::{ModelArgs, ProviderChoice};
-use crate::args::numbers;
-use crate::args::output::{refuse_stdout, write_atomically};
-use crate::args::scene::{SceneArgs, named};
+use crate::args::{ModelArgs, ProviderChoice, SceneArgs, named, numbers, refuse_stdout, write_atomically};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;

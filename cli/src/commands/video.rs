@@ -15,11 +15,8 @@ use liveview_scene::cameras::CameraPath;
 use liveview_synthesizer::{LayerSpec, SceneViews};
 use serde_json::Value;
 
-use crate::args::help::ADVANCED;
-use crate::args::layers::LayerChoice;
-use crate::args::model::ModelArgs;
 use crate::args::numbers::frame_rate;
-use crate::args::scene::{SceneArgs, cameras_of};
+use crate::args::{ADVANCED, LayerChoice, ModelArgs, SceneArgs, cameras_of};
 use crate::console::{Output, print_message, print_note, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;

@@ -9,11 +9,8 @@ use liveview_live::rig::Rig;
 use liveview_viewer::{Shown, ViewSettings, Viewer};
 use serde_json::json;
 
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::model_info::ModelInfo;
-use crate::args::numbers::{self, frame_rate};
-use crate::args::scene::{SceneArgs, held_out};
+use crate::args::numbers::frame_rate;
+use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers};
 use crate::console::{Output, full_text, print_message, print_note, print_notes};
 use crate::interrupt;
 use crate::job::{self, Job};

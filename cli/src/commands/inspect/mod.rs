@@ -15,9 +15,7 @@ use liveview_synthesizer::colormap::bar_chart;
 use liveview_synthesizer::{LayerSpec, Shot, SynthesisError, Targets, recommended_layers, select_planes};
 use serde_json::{Value, json};
 
-use crate::args::model::ModelArgs;
-use crate::args::output::{expect_png, has_extension};
-use crate::args::scene::SceneArgs;
+use crate::args::{ModelArgs, SceneArgs, expect_png, has_extension};
 use crate::console::{Output, escaped, path_text, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;

@@ -16,7 +16,7 @@ use liveview_synthesizer::{LayerSpec, SceneViews, SynthesisError};
 use serde_json::{Value, json};
 
 use super::InspectArgs;
-use crate::args::scene::SceneArgs;
+use crate::args::SceneArgs;
 use crate::console::{Output, advice, escaped, full_text, path_text};
 
 /// Parallax between neighbouring planes above which they are visible as steps, in pixels.

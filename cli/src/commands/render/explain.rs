@@ -18,7 +18,7 @@ use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
-use crate::args::output::expect_png;
+use crate::args::expect_png;
 use crate::console::{Output, path_text};
 use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;

@@ -16,11 +16,8 @@ use clap::Args;
 use liveview_live::agreement;
 use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, TargetSurface};
 
-use crate::args::help::ADVANCED;
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::numbers::{self, FrameRange};
-use crate::args::scene::{SceneArgs, TargetArgs, named};
+use crate::args::numbers::FrameRange;
+use crate::args::{ADVANCED, LayerArgs, ModelArgs, SceneArgs, TargetArgs, named, numbers};
 use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::{Job, Times};

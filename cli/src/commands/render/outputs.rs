@@ -17,8 +17,8 @@ use serde_json::json;
 
 use super::record::{self, Fields, Record};
 use super::summary::Rendered;
-use crate::args::numbers::{self, FrameRange, frame_rate};
-use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
+use crate::args::numbers::{FrameRange, frame_rate};
+use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
 use crate::outputs::{OutputPlan, note_other_pictures};
 

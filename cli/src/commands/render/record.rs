@@ -15,9 +15,8 @@ use liveview_synthesizer::Shot;
 use serde_json::{Map, Value, json};
 
 use super::summary::Rendered;
-use crate::args::layers::LayerArgs;
 use crate::args::numbers::FrameRange;
-use crate::args::scene::TargetArgs;
+use crate::args::{LayerArgs, TargetArgs};
 use crate::console::{path_text, print_message};
 use crate::job::Job;
 

@@ -11,7 +11,7 @@ use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 
 use crate::args::numbers::FrameRange;
-use crate::args::output::{has_extension, write_atomically};
+use crate::args::{has_extension, write_atomically};
 use crate::console::{Output, escaped, path_text};
 use crate::job::{Job, Times, time_text};
 

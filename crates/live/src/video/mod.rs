@@ -108,7 +108,7 @@ impl Video {
         let (fewest, views) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
         let truth = settings.viewpoint.truth;
         let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != truth).collect();
-        let read = rig.cameras_for(settings.viewpoint.cameras(), &free, (fewest, views + SPARE_CAMERAS))?;
+        let read = rig.cameras_for(&settings.viewpoint.cameras, &free, (fewest, views + SPARE_CAMERAS))?;
         let session = settings.rig.session(renderers, &read, settings.policy)?;
         let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
         let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
@@ -248,10 +248,5 @@ impl Viewpoint {
                 if index < count { index } else { 2 * count - 2 - index }
             }
         }]
-    }
-
-    /// All target cameras.
-    pub(super) fn cameras(&self) -> &[Camera] {
-        &self.cameras
     }
 }
