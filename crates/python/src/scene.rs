@@ -27,9 +27,8 @@ impl Scene {
     #[new]
     #[pyo3(signature = (path, *, width = None, images = None))]
     fn new(py: Python<'_>, path: PathBuf, width: Option<&Object<'_>>, images: Option<String>) -> PyResult<Self> {
-        let mut options = SceneOptions::default();
-        options.width = width.map(|width| whole("width", width)).transpose()?;
-        options.images = images;
+        let width = width.map(|width| whole("width", width)).transpose()?;
+        let options = SceneOptions { width, images, ..SceneOptions::default() };
         compute(py, || liveview_synthesizer::Scene::open(&path, &options).map_err(library)).map(Self)
     }
 

@@ -74,11 +74,10 @@ impl Synthesizer {
         cache: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
-        let mut options = Options::default();
-        (options.near, options.far, options.cache) = (near, far, cache);
-        options.layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
-        options.model = model_options(py, views, network)?;
-        let views = options.model.views;
+        let layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
+        let model = model_options(py, views, network)?;
+        let views = model.views;
+        let options = Options { near, far, cache, layers, model, ..Options::default() };
         if let Some(progress) = progress.as_ref().filter(|progress| !progress.bind(py).is_callable()) {
             return Err(crate::arguments::kind("progress", format!("{progress}; expected a function")));
         }
@@ -147,15 +146,12 @@ pub(crate) fn model_options(
     views: Option<&Object<'_>>,
     network: Option<PathBuf>,
 ) -> PyResult<ModelOptions> {
-    let mut options = ModelOptions::default();
-    options.views = views.map(|views| whole("views", views)).transpose()?;
-    if options.views == Some(0) {
+    let views = views.map(|views| whole("views", views)).transpose()?;
+    if views == Some(0) {
         return Err(value("views", "0; expected at least 1"));
     }
-    options.network = Some(network.is_some());
-    options.library = if network.is_some() { installed(py)? } else { None };
-    options.file = network;
-    Ok(options)
+    let library = if network.is_some() { installed(py)? } else { None };
+    Ok(ModelOptions { views, network: Some(network.is_some()), library, file: network, ..ModelOptions::default() })
 }
 
 /// Refuses `views` where the network takes another number.

@@ -299,28 +299,19 @@ pub(super) fn summary(
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }
+    let change = |(step, level): &(usize, Level)| json!({ "from_frame": step, "layers": level.layers.to_string(), "scale": level.scale });
     let mut json = tally.json();
     let more = json!({
         "rig": scene.root.display().to_string(), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "excluded_border": BORDER,
-        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes_json(changes),
+        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes.iter().map(change).collect::<Vec<_>>(),
         "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(|file| file.display().to_string()), "notes": scene.notes,
     });
     if let (Value::Object(json), Value::Object(more)) = (&mut json, more) {
         json.extend(more);
     }
     (text, json)
-}
-
-/// The level changes as JSON.
-fn changes_json(changes: &[(usize, Level)]) -> Value {
-    let change = |(step, level): &(usize, Level)| {
-        let mut json = level.json();
-        json["from_frame"] = json!(step);
-        json
-    };
-    changes.iter().map(change).collect()
 }
 
 #[cfg(test)]
