@@ -11,7 +11,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use liveview::image::{self, encode, encode_gray16_png};
 use liveview_files::bounded;
-use liveview_live::memory::peak_memory;
+use liveview_live::peak_memory;
 use liveview_scene::View;
 use liveview_synthesizer::colormap::coloured;
 use liveview_synthesizer::{DepthSource, ModelOptions, Scene, ScenePhotos, ViewDepth};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use liveview_bench::{Configuration, Progress, RowEngine, SweepSettings, Worker};
-use liveview_live::memory::peak_memory;
+use liveview_live::peak_memory;
 use liveview_synthesizer::LayerSpec;
 use serde_json::Value;
 

@@ -82,7 +82,7 @@ impl Viewer {
         serve(&queue, &mut renderer, settings.error_text);
         let viewers = queue.joined();
         server.stop()?;
-        Ok(Served { link, pictures: renderer.pictures(), viewers })
+        Ok(Served { link, pictures: renderer.pictures, viewers })
     }
 }
 

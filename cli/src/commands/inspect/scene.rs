@@ -53,7 +53,10 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
         gains.iter().enumerate().for_each(|(view, gains)| target_json["views"][view]["exposure_gains"] = json!(gains));
     }
     if target_json["warning"].is_null() {
-        let (section, shares) = agreement(&args.scene, target, views);
+        let (section, shares) = agreement(&args.scene, target, views).unwrap_or_else(|error| {
+            let error = escaped(&full_text(&error));
+            (format!("warning    cannot check whether the photos agree: {error}\n"), [None; 2])
+        });
         text += &section;
         [target_json["confirmed_share"], target_json["agreeing_share"]] = shares.map(|share| json!(share));
     }
@@ -240,14 +243,8 @@ fn spacing(
 }
 
 /// Whether the photos agree around a target that is rendered from so many views, as text.
-/// With them the share of the photos' depth that other photos confirm, and the share of the pixels on which they agree.
-fn agreement(scene: &SceneArgs, target: usize, views: usize) -> (String, [Option<f64>; 2]) {
-    known_agreement(scene, target, views).unwrap_or_else(|error| {
-        (format!("warning    cannot check whether the photos agree: {}\n", escaped(&full_text(&error))), [None; 2])
-    })
-}
-
-fn known_agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, [Option<f64>; 2])> {
+/// With it the share of the photos' depth that other photos confirm, and the share of the pixels on which they agree.
+fn agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, [Option<f64>; 2])> {
     let (surface, agreeing) = agreement::of_view(&scene.open_at(SMALL_WIDTH)?, target, views)?;
     let confirmed = surface.map(|surface| surface.confirmed_share());
     let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.0} %", 100.0 * share));

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
-use liveview_live::memory::peak_memory;
+use liveview_live::peak_memory;
 use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 

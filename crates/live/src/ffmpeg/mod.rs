@@ -14,8 +14,7 @@ use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
 
-pub(crate) use process::Decoder;
-pub use process::{Process, ProcessHandle, command};
+pub(crate) use process::{Decoder, Process, ProcessHandle, command};
 
 /// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].
 #[derive(Debug)]
@@ -151,7 +150,7 @@ fn command_for(path: &Path) -> Result<Command> {
 /// # Errors
 ///
 /// If ffmpeg is not installed or cannot read the file, which the error names.
-pub fn count_frames(path: &Path) -> Result<usize> {
+pub(crate) fn count_frames(path: &Path) -> Result<usize> {
     let at = path.display();
     let mut command = command(&format!("{at}: videos are read by ffmpeg, which is not on the PATH"))?;
     // Absolute: ffmpeg takes a name before a colon for a protocol.

@@ -27,7 +27,7 @@ const MAX_MESSAGE_BYTES: u64 = 2000;
 
 /// An ffmpeg process whose standard error is read, and which is killed if it hangs.
 #[derive(Debug)]
-pub struct Process {
+pub(crate) struct Process {
     handle: ProcessHandle,
     messages: Option<JoinHandle<String>>,
     watchdog: Arc<Watchdog>,
@@ -48,7 +48,7 @@ struct Watchdog {
 
 impl Process {
     /// Starts the process. It is not idle while `file` grows.
-    pub fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
+    pub(crate) fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
         Self::start_with(command, file, MAX_IDLE)
     }
 
@@ -73,17 +73,17 @@ impl Process {
     }
 
     /// A handle by which another thread can kill the process.
-    pub fn handle(&self) -> ProcessHandle {
+    pub(crate) fn handle(&self) -> ProcessHandle {
         self.handle.clone()
     }
 
     /// Gives access to the process.
-    pub fn with_child<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
+    pub(crate) fn with_child<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
         self.handle.with(work)
     }
 
     /// Runs `work`, which waits for ffmpeg; ffmpeg is killed if it hangs meanwhile.
-    pub fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
         self.watchdog.waits.fetch_add(1, Ordering::Relaxed);
         self.watchdog.waiting.store(true, Ordering::Relaxed);
         let result = work();
@@ -92,7 +92,7 @@ impl Process {
     }
 
     /// Waits for the process to exit.
-    pub fn wait(&self) -> std::io::Result<ExitStatus> {
+    pub(crate) fn wait(&self) -> std::io::Result<ExitStatus> {
         self.waiting(|| {
             loop {
                 // The lock is released between the checks, so that the process can be killed.
@@ -106,7 +106,7 @@ impl Process {
 
     /// Waits for the process to exit. An error message if it failed or has printed a message: of a full disk ffmpeg
     /// prints an error, and may exit with 0.
-    pub fn finish(&mut self) -> Result<(), String> {
+    pub(crate) fn finish(&mut self) -> Result<(), String> {
         let status = self.wait();
         let messages = self.messages();
         if status.as_ref().is_ok_and(ExitStatus::success) && messages.is_empty() {
@@ -116,7 +116,7 @@ impl Process {
     }
 
     /// Waits for the process to exit; returns its exit status and messages as an error message.
-    pub fn failure(&mut self) -> String {
+    pub(crate) fn failure(&mut self) -> String {
         let status = self.wait();
         let messages = self.messages();
         self.failure_of(status, &messages)
@@ -162,11 +162,11 @@ impl Watchdog {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub struct ProcessHandle(Arc<Mutex<Child>>);
+pub(crate) struct ProcessHandle(Arc<Mutex<Child>>);
 
 impl ProcessHandle {
     /// Kills the process.
-    pub fn kill(&self) {
+    pub(crate) fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();
@@ -190,7 +190,7 @@ fn messages(mut pipe: ChildStderr) -> String {
 }
 
 /// A command for ffmpeg; the error `missing` if it is not installed.
-pub fn command(missing: &str) -> Result<Command> {
+pub(crate) fn command(missing: &str) -> Result<Command> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
     let mut programs = std::env::split_paths(&folders).map(|folder| folder.join(&name)).filter(|file| file.is_file());

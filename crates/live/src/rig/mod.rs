@@ -119,9 +119,9 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
     let (count, mut cameras, mut rates, mut left_out) = (feeds.len(), Vec::new(), Vec::new(), Vec::new());
     for feed in feeds {
         match feed.first_frame().and_then(|first| Ok((feed.rate()?, first))) {
-            Ok((rate, first)) => {
+            Ok((rate, (first, size))) => {
                 rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
-                cameras.push(RigCamera { feed, first });
+                cameras.push(RigCamera { feed, first, size });
             }
             Err(error) => left_out.push(format!("camera {} is left out: {error:#}", feed.name)),
         }

@@ -17,7 +17,7 @@ use super::Viewpoint;
 use super::gather::Faults;
 use super::player::Written;
 use crate::governor::Level;
-use crate::memory::resident_memory;
+use crate::resident_memory;
 use crate::rig::Rig;
 use crate::session::{LayerSource, LiveFrame, LiveTimes, Policy};
 

@@ -193,7 +193,8 @@ pub(crate) struct ViewRenderer {
     /// The last requested camera: near it photos are prepared next.
     last_camera: Camera,
     last_at_rest: Option<AtRest>,
-    pictures: u64,
+    /// The number of pictures rendered so far.
+    pub(crate) pictures: u64,
 }
 
 /// A picture at full quality.
@@ -208,11 +209,6 @@ impl ViewRenderer {
     /// `start`: the camera at which clients start.
     pub(crate) fn new(source: Box<dyn Source>, held_out: Vec<usize>, start: Camera) -> Self {
         Self { source, held_out, last_camera: start, last_at_rest: None, pictures: 0 }
-    }
-
-    /// The number of pictures rendered so far.
-    pub(crate) fn pictures(&self) -> u64 {
-        self.pictures
     }
 
     /// Prepares a photo near the last viewpoint.
