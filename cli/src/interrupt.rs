@@ -2,7 +2,6 @@
 //! exits; at a second Ctrl-C it exits at once, and so does a command without an orderly stop at the
 //! first. Before that, unfinished files are deleted.
 
-use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::thread::sleep;
@@ -20,21 +19,14 @@ use crate::console::Output;
 use signal_hook::consts::SIGHUP;
 
 /// The work was interrupted, and what was complete is kept: exit code [`EXIT_CODE`].
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted: {what}")]
 pub(crate) struct Shortened {
     /// What is shorter than it should be.
     pub(crate) what: String,
     /// The report on what is kept.
     pub(crate) output: Output,
 }
-
-impl fmt::Display for Shortened {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "interrupted: {}", self.what)
-    }
-}
-
-impl std::error::Error for Shortened {}
 
 /// Exit code after Ctrl-C, by the convention of shells.
 pub(crate) const EXIT_CODE: u8 = 130;

@@ -1,16 +1,17 @@
 //! A scene, a model and layers, opened by the options of a command that renders.
 
+use std::time::Duration;
+
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use liveview::network::Alpha;
-use liveview::render::{Batch, Frame, Renderer};
+use liveview::render::{Batch, Frame, Renderer, StageTimes};
+use liveview_live::rig::Rig;
+use liveview_live::video::RigSettings;
 use liveview_synthesizer::agreement;
-use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, Scene, ScenePhotos, SceneViews, Synthesizer};
+use liveview_synthesizer::{LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::model_info::ModelInfo;
+use crate::args::{LayerArgs, LayerChoice, ModelArgs, ModelInfo};
 use crate::console::{print_message, print_notes};
 use crate::outputs::OutputPlan;
 
@@ -39,7 +40,7 @@ impl Job {
         let mut job = Self::of(photos, model.with_alpha(layers.alpha()).open_for(given.as_ref())?);
         job.synthesizer.photo_correction = layers.photo_correction();
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
-            let (folder, layers) = (folder.display(), job.layers());
+            let (folder, layers) = (folder.display(), job.synthesizer.layers());
             print_message("note", format!("--cache {folder}: has no effect, {layers} does not use the photos' depth"));
         }
         Ok(job)
@@ -55,35 +56,15 @@ impl Job {
         Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None }
     }
 
-    /// The scene.
-    pub(crate) fn scene(&self) -> &Scene {
-        self.synthesizer.scene()
-    }
-
-    /// The views of the scene.
-    pub(crate) fn views(&self) -> &SceneViews {
-        self.synthesizer.views()
-    }
-
-    /// How the layers of a pixel share it.
-    pub(crate) fn alpha(&self) -> Alpha {
-        self.synthesizer.renderer().alpha()
-    }
-
-    /// The layers to render on.
-    pub(crate) fn layers(&self) -> &LayerSpec {
-        self.synthesizer.layers()
-    }
-
     /// Computes the layers of a shot.
     pub(crate) fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
-        if let LayerSpec::Select { from, .. } = self.layers() {
+        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
             self.progress.inc_length(*from as u64);
         }
         let plan = self.synthesizer.plan(shot)?;
         let notes = self.synthesizer.photos_mut().take_notes();
         self.progress.suspend(|| print_notes(&notes));
-        if let LayerSpec::Select { from, .. } = self.layers() {
+        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
             self.progress.inc(*from as u64);
         }
         Ok(plan)
@@ -98,5 +79,59 @@ impl Job {
         let (frame, agreeing) = agreement::render(&mut self.synthesizer, shot, plan, without_network, &mut observe)?;
         self.agreeing_share = agreeing;
         Ok(frame)
+    }
+}
+
+/// Opens the models for a rig, also those for fewer views.
+pub(crate) fn open_rig(rig: Rig, model: &ModelArgs, layers: &LayerArgs) -> Result<(RigSettings, ModelInfo)> {
+    let (given, keep_exposure) = (layers.given(), layers.keep_exposure);
+    let (renderer, layers, info) = model.with_alpha(layers.alpha()).open_for(given.as_ref())?;
+    let mut renderers = model.open_smaller(renderer.network().views(), given.as_ref())?;
+    renderers.push(renderer);
+    Ok((RigSettings { rig, renderers, with_models: info.model.is_some(), layers, keep_exposure }, info))
+}
+
+/// Wall time of each stage of one picture.
+#[derive(Debug)]
+pub(crate) struct Times {
+    /// Reading and decoding the photos that were not in memory.
+    pub(crate) photos: Duration,
+    /// Searching depth: the guided search, or the depth of the photos.
+    pub(crate) depth: Duration,
+    /// The render that planes were selected from.
+    pub(crate) select: Duration,
+    /// The name of the stage that computes opacities and view weights: `network`, or `blend`
+    /// without one.
+    pub(crate) weighting: &'static str,
+    /// Warp, weighting and composite.
+    pub(crate) stages: StageTimes,
+}
+
+impl Times {
+    /// The name and time of each stage.
+    pub(crate) fn stages(&self) -> [(&'static str, Duration); 6] {
+        let Self { photos, depth, select, weighting, stages } = *self;
+        [
+            ("photos", photos),
+            ("depth", depth),
+            ("select", select),
+            ("warp", stages.warp),
+            (weighting, stages.network),
+            ("composite", stages.composite),
+        ]
+    }
+
+    /// The sum of all stages.
+    pub(crate) fn total(&self) -> Duration {
+        self.stages().iter().map(|(_, time)| *time).sum()
+    }
+}
+
+/// A duration as text.
+pub(crate) fn time_text(time: Duration) -> String {
+    match time.as_secs_f64() {
+        seconds if seconds >= 10.0 => format!("{seconds:.1} s"),
+        seconds if seconds >= 0.01 => format!("{:.0} ms", 1e3 * seconds),
+        seconds => format!("{:.1} ms", 1e3 * seconds),
     }
 }

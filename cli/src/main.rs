@@ -5,7 +5,6 @@ mod commands;
 mod console;
 mod interrupt;
 mod job;
-mod measure;
 mod ort_wheel;
 mod outputs;
 
@@ -13,6 +12,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
 #[cfg(feature = "viewer")]
 use commands::view;
 use commands::{depth, inspect, render, sweep, video};
@@ -85,7 +85,7 @@ fn main() -> ExitCode {
     match &cli.command {
         // The sweep that started the worker prints it.
         Command::Sweep(args) if args.is_worker() => {
-            drop(liveview_bench::sweep::worker::send_line(&serde_json::json!({ "error": message })))
+            drop(liveview_bench::send_line(&serde_json::json!({ "error": message })))
         }
         _ => console::print_message("error", message),
     }

@@ -33,7 +33,7 @@ pub(crate) struct LayerChoice {
 #[derive(Debug, Args)]
 pub(crate) struct LayerArgs {
     #[command(flatten)]
-    choice: LayerChoice,
+    pub(crate) choice: LayerChoice,
     /// Do not balance the exposure and white balance of the photos
     ///
     /// By default they are balanced, except for guided layers, so that points that several photos

@@ -1,9 +1,16 @@
 //! Options that several commands share.
 
-pub(crate) mod help;
-pub(crate) mod layers;
-pub(crate) mod model;
-pub(crate) mod model_info;
+mod help;
+mod layers;
+mod model;
+mod model_info;
 pub(crate) mod numbers;
-pub(crate) mod output;
-pub(crate) mod scene;
+mod output;
+mod scene;
+
+pub(crate) use help::ADVANCED;
+pub(crate) use layers::{LayerArgs, LayerChoice};
+pub(crate) use model::{ModelArgs, ProviderChoice, start_threads};
+pub(crate) use model_info::ModelInfo;
+pub(crate) use output::{OutputPath, Variant, expect_png, has_extension, refuse_stdout, stem, write_atomically};
+pub(crate) use scene::{SceneArgs, TargetArgs, cameras_of, held_out, named, refuse_twice};

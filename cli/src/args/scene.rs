@@ -43,22 +43,6 @@ pub(crate) struct TargetArgs {
     path: Option<CameraPathOrFile>,
 }
 
-/// Views that are held out when other viewpoints are rendered.
-#[derive(Debug, Args)]
-pub(crate) struct HoldoutArgs {
-    /// With --pose or --path: photos to leave out of the rendering, by name
-    #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
-    holdout: Vec<String>,
-}
-
-impl HoldoutArgs {
-    /// Holds the views out of the targets.
-    pub(crate) fn apply(&self, scene: &Scene, targets: &mut Targets) -> Result<()> {
-        targets.held_out.extend(named(scene, &self.holdout)?);
-        Ok(())
-    }
-}
-
 /// The value of `--path`.
 #[derive(Debug, Clone)]
 enum CameraPathOrFile {
@@ -223,11 +207,7 @@ impl SceneArgs {
 
     /// Options for opening the scene.
     pub(crate) fn options(&self) -> SceneOptions {
-        let mut options = SceneOptions::default();
-        options.width = self.width;
-        options.images.clone_from(&self.images);
-        options.rig_position = self.rig_position;
-        options
+        SceneOptions { width: self.width, images: self.images.clone(), rig_position: self.rig_position }
     }
 
     /// The nearest and farthest depth given.
@@ -242,8 +222,7 @@ impl SceneArgs {
 
     /// Opens the scene at this width, unless `--width` is given.
     pub(crate) fn open_at(&self, width: usize) -> Result<SceneViews> {
-        let mut options = self.options();
-        options.width = options.width.or(Some(width));
+        let options = SceneOptions { width: self.width.or(Some(width)), ..self.options() };
         Ok(self.with_depth(Scene::open(&self.scene, &options)?))
     }
 

@@ -4,16 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use liveview_bench::sweep::worker::Worker;
-use liveview_bench::sweep::{self, Configuration, Progress, RowEngine, SweepSettings};
-use liveview_live::memory::peak_memory;
+use liveview_bench::{Configuration, Progress, RowEngine, SweepSettings, Worker};
+use liveview_live::peak_memory;
 use liveview_synthesizer::LayerSpec;
 use serde_json::Value;
 
-use crate::args::model::{ModelArgs, ProviderChoice};
-use crate::args::numbers;
-use crate::args::output::{refuse_stdout, write_atomically};
-use crate::args::scene::{SceneArgs, named};
+use crate::args::{ModelArgs, ProviderChoice, SceneArgs, named, numbers, refuse_stdout, write_atomically};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;
@@ -88,7 +84,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         batch: args.model.batch,
     };
     if let Some(&[number, views]) = args.worker.as_deref() {
-        let all = sweep::configurations(&settings);
+        let all = liveview_bench::configurations(&settings);
         let configuration = all.get(number).with_context(|| format!("--worker {number}: there are {}", all.len()))?;
         return run_worker(args, configuration, views);
     }
@@ -106,7 +102,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         Progress::Next(name) => bar.set_message(name),
         Progress::Done => bar.inc(1),
     };
-    let sweep = sweep::run(&settings, &photos, &held_out, &|| args.model.general_file(), &mut report)?;
+    let sweep = liveview_bench::run(&settings, &photos, &held_out, &|| args.model.general_file(), &mut report)?;
     bar.finish_and_clear();
     if sweep.noisy() {
         print_message(

@@ -15,13 +15,11 @@ use liveview_scene::cameras::CameraPath;
 use liveview_synthesizer::{LayerSpec, SceneViews};
 use serde_json::Value;
 
-use crate::args::help::ADVANCED;
-use crate::args::layers::LayerChoice;
-use crate::args::model::ModelArgs;
 use crate::args::numbers::frame_rate;
-use crate::args::scene::{SceneArgs, cameras_of};
+use crate::args::{ADVANCED, LayerChoice, ModelArgs, SceneArgs, cameras_of};
 use crate::console::{Output, print_message, print_note, print_notes, progress};
 use crate::interrupt::{self, Shortened};
+use crate::job;
 use crate::outputs::{OutputPlan, note_other_pictures};
 
 const SHORT_EXAMPLES: &str = "\
@@ -142,22 +140,16 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let sink = Sink::new(&args.output, fps, print_note)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
-    let given = args.layers.given();
-    let (renderer, layers, model) = args.model.with_alpha(args.layers.alpha()).open_for(given.as_ref())?;
-    let views = renderer.network().views();
-    let policy = policy(args.policy, &layers)?;
-    let mut renderers = args.model.open_smaller(views, given.as_ref())?;
-    renderers.push(renderer);
-    let free = rig.feeds.len() - usize::from(viewpoint.truth.is_some());
+    let (rig, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
+    let policy = policy(args.policy, &rig.layers)?;
+    let views = rig.renderers.last().map_or(0, |renderer| renderer.network().views());
+    let free = rig.rig.feeds.len() - usize::from(viewpoint.truth.is_some());
     if free < views {
         print_message("note", format_args!("a frame is made from {views} views, but there are only {free}"));
     }
-    let mut output_plan = OutputPlan::new(rig.views.scene());
-    let (keep_exposure, frames, latency) = (args.keep_exposure, args.frames.clone(), args.latency);
-    let with_models = model.model.is_some();
-    let settings =
-        VideoSettings { rig, viewpoint, renderers, with_models, layers, policy, keep_exposure, frames, fps, latency };
-    let video = Video::new(settings)?;
+    let mut output_plan = OutputPlan::new(rig.rig.views.scene());
+    let (frames, latency) = (args.frames.clone(), args.latency);
+    let video = Video::new(VideoSettings { rig, viewpoint, policy, frames, fps, latency })?;
     output_plan.protect("--poses", args.viewpoint.poses.as_deref());
     args.model.protect(&mut output_plan, model.path());
     plan_sink(&sink, &mut output_plan)?;

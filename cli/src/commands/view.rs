@@ -6,17 +6,14 @@ use anyhow::{Result, bail};
 use clap::Args;
 use liveview_live::FrameRate;
 use liveview_live::rig::Rig;
-use liveview_viewer::{RigVideo, Shown, ViewSettings, Viewer};
+use liveview_viewer::{Shown, ViewSettings, Viewer};
 use serde_json::json;
 
-use crate::args::layers::LayerArgs;
-use crate::args::model::ModelArgs;
-use crate::args::model_info::ModelInfo;
-use crate::args::numbers::{self, frame_rate};
-use crate::args::scene::{SceneArgs, held_out};
+use crate::args::numbers::frame_rate;
+use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers};
 use crate::console::{Output, full_text, print_message, print_note, print_notes};
 use crate::interrupt;
-use crate::job::Job;
+use crate::job::{self, Job};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -114,12 +111,6 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
     }
     let held_out = held_out(scene, args.heldout, &args.target)?;
     let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
-    let given = args.layers.given();
-    let (renderer, layers, model) = args.model.with_alpha(args.layers.alpha()).open_for(given.as_ref())?;
-    let mut renderers = args.model.open_smaller(renderer.network().views(), given.as_ref())?;
-    renderers.push(renderer);
-    let (batch, keep_exposure) = (args.model.batch, args.layers.keep_exposure);
-    let with_models = model.model.is_some();
-    let video = RigVideo { rig, renderers, with_models, batch, layers, keep_exposure, rate };
-    Ok((Shown::Video(Box::new(video)), held_out, model))
+    let (rig, model) = job::open_rig(rig, &args.model, &args.layers.choice, args.layers.keep_exposure)?;
+    Ok((Shown::Video { rig: Box::new(rig), batch: args.model.batch, rate }, held_out, model))
 }

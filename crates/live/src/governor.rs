@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use liveview_synthesizer::LayerSpec;
-use serde_json::{Value, json};
 
 /// Frames in a row over the budget after which the level is lowered.
 const LATE_FRAMES: usize = 3;
@@ -39,11 +38,6 @@ impl Level {
             _ => (1, 0.0),
         };
         layers as f64 * self.scale * self.scale + depth
-    }
-
-    /// The level as JSON, for the summary.
-    pub fn json(&self) -> Value {
-        json!({ "layers": self.layers.to_string(), "scale": self.scale })
     }
 }
 

@@ -1,22 +1,14 @@
 //! Whether the program has been asked to stop: it sets a flag, which the library looks at wherever it works or waits for long.
 
-use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// The work was interrupted before it was complete.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted")]
 pub struct Interrupted;
-
-impl fmt::Display for Interrupted {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("interrupted")
-    }
-}
-
-impl std::error::Error for Interrupted {}
 
 /// The flag to set, from now on: an interrupt no longer ends the program at once.
 pub fn watch() -> &'static Arc<AtomicBool> {

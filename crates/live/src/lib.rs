@@ -4,12 +4,27 @@
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
 pub mod ffmpeg;
-mod frame_rate;
 pub mod governor;
 pub mod interrupt;
-pub mod memory;
 pub mod rig;
 pub mod session;
 pub mod video;
 
-pub use frame_rate::FrameRate;
+pub use ffmpeg::FrameRate;
+
+/// Peak memory of the process in bytes; `None` if not on Linux.
+pub fn peak_memory() -> Option<u64> {
+    status("VmHWM:")
+}
+
+/// Current memory of the process in bytes; `None` if not on Linux.
+pub(crate) fn resident_memory() -> Option<u64> {
+    status("VmRSS:")
+}
+
+/// A field of the process status, in bytes.
+fn status(field: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let kilobytes = status.lines().find_map(|line| line.strip_prefix(field)?.trim().strip_suffix(" kB"))?;
+    Some(1024 * kilobytes.trim().parse::<u64>().ok()?)
+}

@@ -7,8 +7,7 @@ use ndarray::{arr1, arr2};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::arguments::{matrix, some, vector, whole};
-use crate::error::value;
+use crate::arguments::{Object, matrix, some, value, vector, whole};
 
 /// A pinhole camera. Always valid: a K without an inverse, a matrix that is not a rotation and
 /// numbers that are not finite are refused.
@@ -67,10 +66,10 @@ impl Camera {
     #[new]
     #[pyo3(signature = (k, pose, width, height, *, convention = "opencv"))]
     fn new(
-        k: &Bound<'_, PyAny>,
-        pose: &Bound<'_, PyAny>,
-        width: &Bound<'_, PyAny>,
-        height: &Bound<'_, PyAny>,
+        k: &Object<'_>,
+        pose: &Object<'_>,
+        width: &Object<'_>,
+        height: &Object<'_>,
         convention: &str,
     ) -> PyResult<Self> {
         let convention = Convention::parse(convention)?;
@@ -130,14 +129,14 @@ impl Camera {
     }
 
     /// The same camera for its picture resampled to that size, pixels.
-    fn with_size_scaled(&self, width: &Bound<'_, PyAny>, height: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn with_size_scaled(&self, width: &Object<'_>, height: &Object<'_>) -> PyResult<Self> {
         let scaled = self.0.with_size_scaled(whole("width", width)?, whole("height", height)?);
         Ok(Self(scaled.map_err(|error| value("width, height", error))?))
     }
 
     /// The same camera with another pose [4, 4].
     #[pyo3(signature = (pose, *, convention = "opencv"))]
-    fn with_pose(&self, pose: &Bound<'_, PyAny>, convention: &str) -> PyResult<Self> {
+    fn with_pose(&self, pose: &Object<'_>, convention: &str) -> PyResult<Self> {
         let k = self.0.k().transpose().to_cols_array_2d();
         let moved = Convention::parse(convention)?.camera(k, matrix("pose", pose)?, self.0.size());
         Ok(Self(moved.map_err(|error| value("pose", error))?))
@@ -166,13 +165,13 @@ fn rows(py: Python<'_>, matrix: DMat3) -> Bound<'_, PyArray2<f64>> {
 
 /// The camera of an argument: a [`Camera`], or any object with the fields of the reference's, `k`,
 /// `rotation`, `translation`, `width` and `height`.
-pub(crate) fn camera(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<liveview::Camera> {
+pub(crate) fn camera(name: &str, argument: &Object<'_>) -> PyResult<liveview::Camera> {
     if let Ok(camera) = argument.cast::<Camera>() {
         return Ok(camera.get().0.clone());
     }
     let field = |field: &str| {
         let found = argument.getattr(field);
-        found.map_err(|_| crate::error::kind(name, format!("it has no {field}; expected a Camera")))
+        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a Camera")))
     };
     let of = |field: &str| format!("{name}.{field}");
     let k: [[f64; 3]; 3] = matrix(&of("k"), &field("k")?)?;
@@ -187,6 +186,6 @@ pub(crate) fn camera(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<livevi
 }
 
 /// The cameras of an argument, at least one.
-pub(crate) fn cameras(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<liveview::Camera>> {
+pub(crate) fn cameras(name: &str, argument: &Object<'_>) -> PyResult<Vec<liveview::Camera>> {
     some(name, argument)?.iter().map(|(name, item)| camera(name, item)).collect()
 }

@@ -7,54 +7,38 @@
 mod arguments;
 mod camera;
 mod engine;
-mod error;
 mod frame;
-mod frames;
-mod live;
-mod model;
-mod names;
 mod scene;
 mod stages;
 mod synthesizer;
-mod tuples;
-mod work;
 
 #[pyo3::pymodule]
 mod _liveview {
     use pyo3::pymodule;
 
     #[pymodule_export]
+    use crate::arguments::Error;
+    #[pymodule_export]
     use crate::camera::Camera;
     #[pymodule_export]
-    use crate::error::Error;
-    #[pymodule_export]
-    use crate::frame::Frame;
-    #[pymodule_export]
-    use crate::frames::Frames;
-    #[pymodule_export]
-    use crate::live::LiveSession;
+    use crate::frame::{Frame, Frames};
     #[pymodule_export]
     use crate::scene::Scene;
-    #[pymodule_export]
-    use crate::stages::depth::{anchored_depth, confirmed, photo_depth};
     #[pymodule_export]
     use crate::stages::layers::{
         cover_planes, guided_layers, guided_search, plane_histogram, select_planes, uniform_disparities,
     };
     #[pymodule_export]
-    use crate::stages::metrics::{psnr, ssim};
-    #[pymodule_export]
-    use crate::stages::network::Network;
-    #[pymodule_export]
-    use crate::stages::render::{blend, composite, composite_competing};
+    use crate::stages::render::{Network, blend, composite, composite_competing};
     #[pymodule_export]
     use crate::stages::surface::{
-        exposure_gains, fill_holes, median3, sharpening, surface, surface_layers, visible, visible_or_past,
+        anchored_depth, confirmed, exposure_gains, fill_holes, median3, photo_depth, sharpening, surface,
+        surface_layers, visible, visible_or_past,
     };
     #[pymodule_export]
-    use crate::stages::views::{choose_views, view_distances};
+    use crate::stages::warp::{agreement_logits, choose_views, psnr, sharpened, ssim, view_distances, warp_maps};
     #[pymodule_export]
-    use crate::stages::warp::{agreement_logits, sharpened, warp_maps};
+    use crate::synthesizer::LiveSession;
     #[pymodule_export]
     use crate::synthesizer::Synthesizer;
 
@@ -63,14 +47,12 @@ mod _liveview {
     #[pymodule]
     mod _stages {
         #[pymodule_export]
-        use crate::stages::fusion::{hide, nearer_edges, photo_variance, pixel_of, splat, target_search};
+        use crate::stages::inner::{
+            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, hide,
+            nearer_edges, neighbours, photo_variance, pixel_of, small_map, splat, target_search, tile_ranges,
+        };
         #[pymodule_export]
         use crate::stages::picture::{guided_search, logits, render, render_scene};
-        #[pymodule_export]
-        use crate::stages::search::{
-            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, neighbours,
-            small_map, tile_ranges,
-        };
         #[pymodule_export]
         use crate::stages::warp::source_from_target;
     }

@@ -10,12 +10,10 @@ use ndarray::{ArrayView3, Ix3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Sides, as_array, matrix, some, whole};
+use crate::arguments::{Object, Sides, as_array, kind, library, matrix, some, value, view_index, whole};
 use crate::camera::{Camera, Convention, refused};
-use crate::error::{kind, library, value};
+use crate::engine::compute;
 use crate::frame::picture_array;
-use crate::names::view_index;
-use crate::work::compute;
 
 /// Posed photos: from a folder, or by `from_arrays`.
 ///
@@ -28,10 +26,9 @@ pub(crate) struct Scene(pub(crate) liveview_synthesizer::Scene);
 impl Scene {
     #[new]
     #[pyo3(signature = (path, *, width = None, images = None))]
-    fn new(py: Python<'_>, path: PathBuf, width: Option<&Bound<'_, PyAny>>, images: Option<String>) -> PyResult<Self> {
-        let mut options = SceneOptions::default();
-        options.width = width.map(|width| whole("width", width)).transpose()?;
-        options.images = images;
+    fn new(py: Python<'_>, path: PathBuf, width: Option<&Object<'_>>, images: Option<String>) -> PyResult<Self> {
+        let width = width.map(|width| whole("width", width)).transpose()?;
+        let options = SceneOptions { width, images, ..SceneOptions::default() };
         compute(py, || liveview_synthesizer::Scene::open(&path, &options).map_err(library)).map(Self)
     }
 
@@ -42,9 +39,9 @@ impl Scene {
     #[pyo3(signature = (photos, k, poses, *, convention = "opencv", names = None))]
     fn from_arrays(
         py: Python<'_>,
-        photos: &Bound<'_, PyAny>,
-        k: &Bound<'_, PyAny>,
-        poses: &Bound<'_, PyAny>,
+        photos: &Object<'_>,
+        k: &Object<'_>,
+        poses: &Object<'_>,
         convention: &str,
         names: Option<Vec<String>>,
     ) -> PyResult<Self> {
@@ -98,7 +95,7 @@ impl Scene {
     }
 
     /// The photo of a view, undistorted, at the size of its camera: [h, w, 3] float32 in [0, 1].
-    fn photo<'py>(&self, py: Python<'py>, view: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    fn photo<'py>(&self, py: Python<'py>, view: &Object<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let index = view_index(&self.0, "view", view)?;
         let photo = compute(py, || self.0.load_image(index).map_err(library))?;
         Ok(picture_array(photo).into_pyarray(py))
@@ -121,14 +118,14 @@ impl Scene {
 }
 
 /// As many items as photos, with their names.
-fn of_each<'py>(name: &str, argument: &Bound<'py, PyAny>, count: usize) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+fn of_each<'py>(name: &str, argument: &Object<'py>, count: usize) -> PyResult<Vec<(String, Object<'py>)>> {
     let found = some(name, argument)?;
     let wrong = || value(name, format!("{} of them; expected {count}, one for each photo", found.len()));
     if found.len() == count { Ok(found) } else { Err(wrong()) }
 }
 
 /// A picture `[h, w, 3]` of u8, or of f32 in [0, 1].
-pub(crate) fn picture(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<ImageRgb> {
+pub(crate) fn picture(name: &str, argument: &Object<'_>) -> PyResult<ImageRgb> {
     let array = as_array(name, argument)?;
     let is_u8 = array.dtype().to_string() == "uint8";
     let (mut sides, shape) = (Sides::default(), "h w 3");

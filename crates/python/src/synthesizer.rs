@@ -1,23 +1,22 @@
-//! The synthesizer: a scene, layers and a network, which render targets.
+//! The synthesizer: a scene, layers and a network, which render targets; and the live session, which renders the time steps of a rig.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use liveview_synthesizer::{LayerSpec, Options, Targets};
+use liveview::ImageRgb;
+use liveview::network::{ExecutionProvider, OrtLibrary};
+use liveview::render::Renderer;
+use liveview_live::session::{self, LiveError, LiveSettings, Policy};
+use liveview_synthesizer::{LayerSpec, ModelOptions, Options, Targets};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
+use crate::arguments::{Object, library, named, some, value, view_index, whole};
 use crate::camera::{camera, cameras};
-use crate::engine::{Engine, rendered};
-use crate::error::{library, value};
-use crate::frame::Frame;
-use crate::frames::Frames;
-use crate::model;
-use crate::names::view_index;
-use crate::scene::Scene;
-use crate::tuples::named;
-use crate::work::compute;
+use crate::engine::{Engine, compute, rendered};
+use crate::frame::{Frame, Frames, rendering};
+use crate::scene::{Scene, picture};
 
 /// Renders new views of a scene. Photos and their depth are kept from picture to picture. Several
 /// threads may share one: their pictures are made one after the other.
@@ -38,7 +37,7 @@ pub(crate) struct Synthesizer {
 
 impl Synthesizer {
     /// The targets that an argument names: a view of the scene, or a camera.
-    fn targets(&self, name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Targets> {
+    fn targets(&self, name: &str, argument: &Object<'_>) -> PyResult<Targets> {
         let scene = &self.scene.get().0;
         if argument.extract::<String>().is_ok() || argument.extract::<isize>().is_ok() {
             return Ok(Targets::held_out(scene, vec![view_index(scene, name, argument)?]));
@@ -67,7 +66,7 @@ impl Synthesizer {
     fn new(
         py: Python<'_>,
         scene: Py<Scene>,
-        views: Option<&Bound<'_, PyAny>>,
+        views: Option<&Object<'_>>,
         layers: Option<&str>,
         network: Option<PathBuf>,
         near: Option<f64>,
@@ -75,24 +74,23 @@ impl Synthesizer {
         cache: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
-        let mut options = Options::default();
-        (options.near, options.far, options.cache) = (near, far, cache);
-        options.layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
-        options.model = model::options(py, views, network)?;
-        let views = options.model.views;
+        let layers = layers.map(str::parse::<LayerSpec>).transpose().map_err(|error| value("layers", error))?;
+        let model = model_options(py, views, network)?;
+        let views = model.views;
+        let options = Options { near, far, cache, layers, model, ..Options::default() };
         if let Some(progress) = progress.as_ref().filter(|progress| !progress.bind(py).is_callable()) {
-            return Err(crate::error::kind("progress", format!("{progress}; expected a function")));
+            return Err(crate::arguments::kind("progress", format!("{progress}; expected a function")));
         }
         let folder = scene.get().0.clone();
         let engine = compute(py, || Engine::open(folder, options, progress))?;
-        engine.with(py, |synthesizer| model::check_views(views, synthesizer.renderer()))?;
+        engine.with(py, |synthesizer| check_views(views, synthesizer.renderer()))?;
         let asked = Mutex::new(vec![false; scene.get().0.views.len()]);
         Ok(Self { engine: Arc::new(engine), scene, asked })
     }
 
     /// The picture of a camera, or of a view of the scene (its name or index), rendered from the
     /// others.
-    fn render(&self, py: Python<'_>, target: &Bound<'_, PyAny>) -> PyResult<Frame> {
+    fn render(&self, py: Python<'_>, target: &Object<'_>) -> PyResult<Frame> {
         let targets = self.targets("target", target)?;
         let (name, (frame, _, times)) = self.engine.with(py, |synthesizer| {
             let shots = synthesizer.shots(targets).map_err(library)?;
@@ -103,7 +101,7 @@ impl Synthesizer {
     }
 
     /// The pictures of cameras along a path, one after the other, over one depth range.
-    fn render_path(&self, py: Python<'_>, targets: &Bound<'_, PyAny>) -> PyResult<Frames> {
+    fn render_path(&self, py: Python<'_>, targets: &Object<'_>) -> PyResult<Frames> {
         let path = Targets::cameras(cameras("targets", targets)?);
         let shots = self.engine.with(py, |synthesizer| synthesizer.shots(path).map_err(library))?;
         Ok(Frames::new(Arc::clone(&self.engine), shots))
@@ -111,7 +109,7 @@ impl Synthesizer {
 
     /// The depth of a view's photo, searched among its neighbours. Depths that views not yet
     /// asked for need stay in memory, others within 128 MiB.
-    fn depth<'py>(&self, py: Python<'py>, photo: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    fn depth<'py>(&self, py: Python<'py>, photo: &Object<'py>) -> PyResult<Object<'py>> {
         let view = view_index(&self.scene.get().0, "photo", photo)?;
         let later = self.ask(view);
         let found = self
@@ -139,5 +137,122 @@ impl Synthesizer {
     #[getter]
     fn views(&self, py: Python<'_>) -> PyResult<usize> {
         self.engine.with(py, |synthesizer| Ok(synthesizer.renderer().network().views()))
+    }
+}
+
+/// How the network is opened; without a file, photos are weighted by their agreement.
+pub(crate) fn model_options(
+    py: Python<'_>,
+    views: Option<&Object<'_>>,
+    network: Option<PathBuf>,
+) -> PyResult<ModelOptions> {
+    let views = views.map(|views| whole("views", views)).transpose()?;
+    if views == Some(0) {
+        return Err(value("views", "0; expected at least 1"));
+    }
+    let library = if network.is_some() { installed(py)? } else { None };
+    Ok(ModelOptions { views, network: Some(network.is_some()), library, file: network, ..ModelOptions::default() })
+}
+
+/// Refuses `views` where the network takes another number.
+pub(crate) fn check_views(views: Option<usize>, renderer: &Renderer) -> PyResult<()> {
+    let found = renderer.network().views();
+    match views.filter(|&views| views != found) {
+        Some(views) => Err(value("views", format!("{views}; the network takes {found}"))),
+        None => Ok(()),
+    }
+}
+
+/// The library's file; `None` if `ORT_DYLIB_PATH` is set, which takes precedence, or the package is
+/// not installed. The package is not imported.
+pub(crate) fn installed(py: Python<'_>) -> PyResult<Option<PathBuf>> {
+    if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
+        return Ok(None);
+    }
+    let found = py.import("importlib.util")?.call_method1("find_spec", ("onnxruntime",))?;
+    if found.is_none() {
+        return Ok(None);
+    }
+    let folders: Option<Vec<PathBuf>> = found.getattr("submodule_search_locations")?.extract()?;
+    let mut libraries = folders.into_iter().flatten().map(|folder| folder.join("capi"));
+    Ok(libraries.find_map(|folder| OrtLibrary::find_in(&folder, ExecutionProvider::Cpu)))
+}
+
+/// Renders the time steps of a rig of cameras, one after the other. What one has found the next
+/// reuses: the depth of a photo where it stays the same, or the planes that were selected.
+///
+/// `near`, `far`: depth range, scene units. `views`, `layers`, `network`: as of `Synthesizer`.
+/// `policy`: when layers are searched: "propagate", where the photos have changed; "each" step;
+/// "every:5"; "once". By default "propagate", and "once" for planes.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct LiveSession(Mutex<Steps>);
+
+/// The session, and the number of steps rendered.
+struct Steps {
+    session: session::LiveSession,
+    rendered: usize,
+}
+
+#[pymethods]
+impl LiveSession {
+    #[new]
+    #[pyo3(signature = (cameras, near, far, *, views = None, layers = None, network = None, policy = None))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        cameras: &Object<'_>,
+        near: f64,
+        far: f64,
+        views: Option<&Object<'_>>,
+        layers: Option<&str>,
+        network: Option<PathBuf>,
+        policy: Option<&str>,
+    ) -> PyResult<Self> {
+        let cameras = self::cameras("cameras", cameras)?;
+        let layers: Option<LayerSpec> = layers.map(str::parse).transpose().map_err(|error| value("layers", error))?;
+        let policy: Option<Policy> = policy.map(str::parse).transpose().map_err(|error| value("policy", error))?;
+        let options = model_options(py, views, network)?;
+        let opened = compute(py, || options.open_renderer(layers.as_ref()).map_err(library))?;
+        let (renderer, layers) = (opened.renderer, opened.layers);
+        check_views(options.views, &renderer)?;
+        let default = Policy::default_for(&layers);
+        if policy == Some(Policy::Propagate) && default != Policy::Propagate {
+            return Err(value("policy", format!("propagate: {layers} have no depth; expected each, every:N or once")));
+        }
+        let mut settings = LiveSettings::new(near, far);
+        (settings.layers, settings.policy) = (layers, policy.unwrap_or(default));
+        let session = session::LiveSession::new(cameras, vec![renderer], settings);
+        let session = session.map_err(|error| value("near, far", error))?;
+        Ok(Self(Mutex::new(Steps { session, rendered: 0 })))
+    }
+
+    /// The picture of a camera at the next time step; photos: of each camera in order [h, w, 3], as
+    /// `Scene.from_arrays` takes them, or None where it has delivered nothing.
+    fn render(&self, py: Python<'_>, photos: &Object<'_>, target: &Object<'_>) -> PyResult<Frame> {
+        let target = camera("target", target)?;
+        let photos = some("photos", photos)?;
+        let photos = photos.iter().map(|(name, photo)| (!photo.is_none()).then(|| picture(name, photo)).transpose());
+        let photos = photos.collect::<PyResult<Vec<_>>>()?;
+        let (step, found) = compute(py, || {
+            let photos: Vec<Option<&ImageRgb>> = photos.iter().map(Option::as_ref).collect();
+            let mut steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let found = steps.session.render(&photos, &target).map_err(|error| match error {
+                LiveError::Photos { .. } | LiveError::Size { .. } => value("photos", error),
+                _ => library(error),
+            })?;
+            steps.rendered += 1;
+            Ok((steps.rendered - 1, found))
+        })?;
+        let mut times = vec![("photos", found.times.photos), ("layers", found.times.layers)];
+        times.extend(rendering(&found.frame));
+        Frame::new(py, format!("frame_{step:04}"), found.frame, times)
+    }
+
+    /// Forgets what earlier steps have found: the next is rendered like the first.
+    fn restart(&self, py: Python<'_>) -> PyResult<()> {
+        compute(py, || {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).session.restart();
+            Ok(())
+        })
     }
 }

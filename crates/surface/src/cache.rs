@@ -259,5 +259,5 @@ fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), String> {
 #[cfg(fuzzing)]
 pub fn read_for_fuzzing(bytes: &[u8]) -> Result<PhotoDepth, String> {
     let size = liveview::geometry::Size::new(7, 5);
-    read(bytes, &DepthKey { digest: [7; 32], size, near: 2.0, far: 8.0 })
+    read(bytes, &DepthKey { digest: [7; 32], size, near: 2.0, far: 8.0 }).map_err(|damage| damage.to_string())
 }

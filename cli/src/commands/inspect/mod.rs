@@ -1,30 +1,220 @@
 //! `liveview inspect`: how a scene is read, which planes a view needs, or what a model is.
 
-mod args;
-mod models;
-mod planes;
 mod scene;
-mod spread;
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-pub(crate) use args::InspectArgs;
+use clap::Args;
+use liveview::ImageRgb;
+use liveview::geometry::middle_camera;
+use liveview::layers::uniform_disparities;
+use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork};
+use liveview_synthesizer::colormap::bar_chart;
+use liveview_synthesizer::{LayerSpec, Shot, SynthesisError, Targets, recommended_layers, select_planes};
+use serde_json::{Value, json};
 
-use crate::args::output::has_extension;
-use crate::console::Output;
+use crate::args::{ModelArgs, SceneArgs, expect_png, has_extension};
+use crate::console::{Output, escaped, path_text, print_notes, progress};
+use crate::job::Job;
+use crate::outputs::OutputPlan;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     let path = args.scene.folder();
     if has_extension(path, &["onnx"]) {
-        return models::one(path, &args.model);
+        return model(path, &args.model);
     }
     if args.planes {
-        return planes::run(args);
+        return planes(args);
     }
     if let Some(option) = args.model.option_of_run() {
         bail!("{option}: expected --planes with it");
     }
     match args.scene.open() {
-        Err(_) if !models::files(path).is_empty() => models::all(path, &args.model),
+        Err(_) if !model_files(path).is_empty() => models(path, &args.model),
         photos => scene::report(args, &photos?),
     }
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview inspect scene
+  liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
+  liveview inspect scene --near 1.5 --far 40 --json
+  liveview inspect scene --target IMG_7.jpg --exposure
+  The histogram over 64 planes, and the 16 that are selected:
+    liveview inspect scene --target IMG_7.jpg --planes -o planes.png
+  Another number of planes:
+    liveview inspect scene --target IMG_7.jpg --planes --layers select:8/128
+  A model's card, or those of all models in a folder:
+    liveview inspect models/liveview_v4.onnx
+    liveview inspect models";
+
+/// Help of the first argument.
+const PATH: &str = "Scene folder as for `render`, a model (.onnx), or a folder of models";
+
+/// Options of `liveview inspect`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES, mut_arg("scene", |scene| scene.help(PATH)))]
+pub(crate) struct InspectArgs {
+    /// View to use as the target, held out [default: the middle one]
+    #[arg(long, value_name = "NAME")]
+    pub(super) target: Option<String>,
+    /// Planes whose spacing to check: planes:D or list:… [default: planes:64]; with --planes
+    /// select:K/D, the histogram over D planes and the K selected [default: select:16/64]
+    #[arg(long, value_name = "SPEC")]
+    pub(super) layers: Option<LayerSpec>,
+    /// Print the exposure gains of these views; slow, since it searches the depth of the photos
+    ///
+    /// The factors by which surface layers multiply each colour channel of each photo; 1 also if
+    /// two photos have too few points in common.
+    #[arg(long)]
+    pub(super) exposure: bool,
+    /// Print which planes the target needs instead, by the network
+    #[arg(long, conflicts_with = "exposure")]
+    pub(super) planes: bool,
+    /// With --planes: picture of the histogram, one bar per plane, near to far, selected planes in colour
+    #[arg(short, long, value_name = "PNG", requires = "planes")]
+    pub(super) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    #[command(flatten)]
+    pub(super) scene: SceneArgs,
+}
+
+/// The models in a folder, by name.
+fn model_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut models: Vec<PathBuf> = entries.filter(|file| has_extension(file, &["onnx"])).collect();
+    models.sort();
+    models
+}
+
+/// The card of a model.
+fn model(file: &Path, args: &ModelArgs) -> Result<Output> {
+    let card = card(&library(args)?, file)?;
+    Ok(Output { text: card_text(&escaped(&path_text(file)), &card), json: card_json(file, &card) })
+}
+
+/// The cards of all models in a folder.
+fn models(folder: &Path, args: &ModelArgs) -> Result<Output> {
+    let library = library(args)?;
+    let (mut text, mut models) = (String::new(), Vec::new());
+    for file in model_files(folder) {
+        let name = escaped(&path_text(&file));
+        match card(&library, &file) {
+            Ok(card) => {
+                text += &card_text(&name, &card);
+                models.push(card_json(&file, &card));
+            }
+            Err(error) => {
+                let _ = writeln!(text, "{name}\n  cannot be used: {}", escaped(&error.to_string()));
+                models.push(json!({ "file": path_text(&file), "error": error.to_string() }));
+            }
+        }
+    }
+    Ok(Output { text, json: json!({ "folder": path_text(folder), "models": models }) })
+}
+
+fn library(args: &ModelArgs) -> Result<OrtLibrary> {
+    let provider = ExecutionProvider::Cpu;
+    Ok(OrtLibrary::load(provider, args.library(provider).as_deref()).map_err(SynthesisError::from)?)
+}
+
+/// The card of a model; an error if it cannot be opened or has no layers.
+fn card(library: &OrtLibrary, file: &Path) -> Result<ModelCard, SynthesisError> {
+    let network = OrtNetwork::open(library, file, 1)?;
+    recommended_layers(&network)?;
+    Ok(network.card().clone())
+}
+
+fn card_text(file: &str, card: &ModelCard) -> String {
+    let kinds = if card.layer_kinds.is_empty() { "all".to_owned() } else { card.layer_kinds.join(", ") };
+    format!(
+        "{file}\n  views       {}\n  precision   {}\n  layers      {}, recommended {}\n  alpha       {}\n  training    {}\n  licence     {}\n",
+        card.views,
+        escaped(&card.precision),
+        escaped(&kinds),
+        escaped(&card.recommended_layers),
+        card.alpha(None),
+        escaped(&card.training),
+        escaped(&card.licence)
+    )
+}
+
+fn card_json(file: &Path, card: &ModelCard) -> Value {
+    json!({
+        "file": path_text(file), "views": card.views, "precision": card.precision, "layer_kinds": card.layer_kinds,
+        "recommended_layers": card.recommended_layers, "alpha": card.alpha(None).to_string(),
+        "training": card.training, "licence": card.licence,
+    })
+}
+
+/// Planes by default.
+const LAYERS: LayerSpec = LayerSpec::PAPER;
+
+/// The planes that a view needs: the paper's histogram, and the planes that are selected by it.
+fn planes(args: &InspectArgs) -> Result<Output> {
+    if args.model.without_network() {
+        bail!("--network none: cannot be used here: a network selects the planes");
+    }
+    let views = args.scene.open()?;
+    print_notes(&views.scene().notes);
+    let target = match &args.target {
+        Some(name) => views.scene().view_index(name)?,
+        None => middle_camera(&views.all_cameras()),
+    };
+    let target = Targets::held_out(views.scene(), vec![target]);
+    if let Some(file) = &args.output {
+        expect_png("-o", file)?;
+        let mut output_plan = OutputPlan::new(views.scene());
+        output_plan.file("-o", file)?;
+        output_plan.prepare()?;
+    }
+    let layers = args.layers.as_ref().unwrap_or(&LAYERS);
+    let LayerSpec::Select { keep, from } = *layers else { bail!("--layers {layers}: expected select:K/D") };
+    let job = Job::with_layers(views, &args.model, Some(layers))?;
+    let (mut output, picture) = histogram(job, target, keep, from)?;
+    if let Some(file) = &args.output {
+        picture.save(file)?;
+        let _ = writeln!(output.text, "wrote    {}", file.display());
+        output.json["file"] = json!(path_text(file));
+    }
+    Ok(output)
+}
+
+/// The paper's histogram over planes.
+fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<(Output, ImageRgb)> {
+    let shot = job.synthesizer.shots(target)?.remove(0);
+    let loaded = job.synthesizer.load(&shot, &[])?;
+    job.progress = progress("layers")?;
+    let disparities = uniform_disparities(shot.near, shot.far, from)?;
+    let histogram = job.synthesizer.histogram(&loaded, &disparities)?;
+    job.progress.finish_and_clear();
+    let chosen = select_planes(job.synthesizer.renderer().alpha(), &histogram, keep);
+
+    let pixels = (shot.target.width() * shot.target.height()) as f64;
+    let share = |k: usize| 100.0 * histogram[k] as f64 / pixels;
+    let kept: f64 = chosen.iter().map(|&k| share(k)).sum();
+    let uncovered = 100.0 * (pixels - histogram.iter().sum::<u64>() as f64) / pixels;
+    let (scene, views) = (job.synthesizer.scene(), job.synthesizer.views().names(&shot.views));
+    let Shot { name, near, far, .. } = &shot;
+    let mut text = format!(
+        "target   {name}, {}x{}, held out, from {}\ndepth    {near:.4} to {far:.4} scene units\n",
+        shot.target.width(),
+        shot.target.height(),
+        views.join(", ")
+    );
+    let _ = writeln!(text, "selected {} of {} planes, which {kept:.1} % of the pixels choose", chosen.len(), from);
+    let _ = writeln!(text, "skipped  {} planes; no view covers {uncovered:.1} % of the pixels", from - chosen.len());
+    let _ = writeln!(text, "\nplane  disparity      depth  pixels");
+    for &k in &chosen {
+        let _ = writeln!(text, "{k:5}  {:9.5}  {:9.4}  {:4.1} %", disparities[k], 1.0 / disparities[k], share(k));
+    }
+    let json = json!({
+        "scene": path_text(&scene.root), "target": name, "views": views, "near": near, "far": far, "notes": scene.notes,
+        "disparities": disparities, "histogram": histogram, "chosen": chosen,
+    });
+    Ok((Output { text, json }, bar_chart(&histogram, &chosen)))
 }

@@ -1,16 +1,16 @@
 //! `render --explain`: the layers that were used and skipped, and the time of each stage.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
 use anyhow::{Result, bail};
-use clap::Args;
 use glam::DVec2;
 use liveview::geometry::PlaneSweep;
 use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb};
+use liveview_bench::quantile;
 use liveview_surface::guided::RangeMap;
 use liveview_surface::parallax::parallax;
 use liveview_synthesizer::colormap::{coloured, side_by_side};
@@ -18,24 +18,10 @@ use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
 use ndarray::{Array2, s};
 use serde_json::{Value, json};
 
-use crate::args::help::ADVANCED;
-use crate::args::output::expect_png;
-use crate::console::path_text;
-use crate::job::Job;
-use crate::measure::{Times, quantile};
+use crate::args::expect_png;
+use crate::console::{Output, path_text};
+use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;
-
-/// Options for explaining a render.
-#[derive(Debug, Args)]
-pub(super) struct ExplainArgs {
-    /// Print which layers were used and skipped and where the time went, and draw the layers; for
-    /// one target
-    ///
-    /// The picture shows the disparity of surface layers, the plane of each pixel, or the nearest
-    /// disparity, farthest disparity and parallax of guided layers.
-    #[arg(long, value_name = "PNG", help_heading = ADVANCED, hide_short_help = true)]
-    explain: Option<PathBuf>,
-}
 
 /// The render to explain.
 pub(super) struct Explained<'a> {
@@ -45,39 +31,29 @@ pub(super) struct Explained<'a> {
     pub(super) times: &'a Times,
 }
 
-/// The explanation, as text and as JSON.
-pub(super) struct Explanation {
-    pub(super) text: String,
-    pub(super) json: Value,
+/// Checks the option `--explain` before any work.
+pub(super) fn plan_output(file: &Path, pictures: usize, output_plan: &mut OutputPlan) -> Result<()> {
+    if pictures != 1 {
+        bail!("--explain {}: {pictures} pictures are rendered; expected one target", file.display());
+    }
+    expect_png("--explain", file)?;
+    output_plan.file("--explain", file)
 }
 
-impl ExplainArgs {
-    /// Checks the options before any work.
-    pub(super) fn plan_outputs(&self, pictures: usize, output_plan: &mut OutputPlan) -> Result<()> {
-        let Some(file) = &self.explain else { return Ok(()) };
-        if pictures != 1 {
-            bail!("--explain {}: {pictures} pictures are rendered; expected one target", file.display());
-        }
-        expect_png("--explain", file)?;
-        output_plan.file("--explain", file)
-    }
-
-    /// Explains a render, if `--explain` is given.
-    pub(super) fn explain(&self, job: &Job, about: &Explained<'_>) -> Result<Option<Explanation>> {
-        let Some(file) = &self.explain else { return Ok(None) };
-        let mut text = String::new();
-        let mut json = json!({ "file": path_text(file) });
-        let picture = match (&about.plan.range, &about.plan.surface) {
-            (Some(range), _) => guided(job, about, range, &mut text, &mut json),
-            (None, Some(target_surface)) => surface(about, target_surface, &mut text, &mut json),
-            (None, None) => planes(about, job.alpha(), &mut text, &mut json),
-        };
-        corrections(&about.plan.corrections, &mut text, &mut json);
-        uncovered(about.frame, &mut text, &mut json);
-        time_shares(about.times, &mut text, &mut json);
-        picture.save(file)?;
-        Ok(Some(Explanation { text, json }))
-    }
+/// Explains a render, as text, as JSON and in a picture.
+pub(super) fn explain(file: &Path, job: &Job, about: &Explained<'_>) -> Result<Output> {
+    let mut text = String::new();
+    let mut json = json!({ "file": path_text(file) });
+    let picture = match (&about.plan.range, &about.plan.surface) {
+        (Some(range), _) => guided(job, about, range, &mut text, &mut json),
+        (None, Some(target_surface)) => surface(about, target_surface, &mut text, &mut json),
+        (None, None) => planes(about, job.synthesizer.renderer().alpha(), &mut text, &mut json),
+    };
+    corrections(&about.plan.corrections, &mut text, &mut json);
+    uncovered(about.frame, &mut text, &mut json);
+    time_shares(about.times, &mut text, &mut json);
+    picture.save(file)?;
+    Ok(Output { text, json })
 }
 
 /// The depth ranges of the pixels, and how many uniform planes would be spaced as closely.
@@ -86,7 +62,7 @@ fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String,
     let spans = &range.nearest - &range.farthest;
     let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / full_range).collect();
     let [median, percentile_95] = [0.5, 0.95].map(|fraction| quantile(&mut shares, fraction));
-    let width = width_in_pixels(job.views(), about.shot, range);
+    let width = width_in_pixels(job.synthesizer.views(), about.shot, range);
     let mut widths: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
     let pixels = quantile(&mut widths, 0.5);
     let layers = about.plan.layers.len();

@@ -1,44 +1,44 @@
 //! `liveview render`: new views of a scene, scored if the photo exists.
 
-mod args;
 mod explain;
 mod outputs;
 mod record;
 mod summary;
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use anyhow::{Error, Result, anyhow, bail};
-pub(crate) use args::RenderArgs;
-use explain::{Explained, Explanation};
+use clap::Args;
 use liveview_synthesizer::agreement;
-use liveview_synthesizer::Score;
-use liveview_synthesizer::{LayerSpec, Plan, Shot};
-use outputs::{Outputs, disparity_max};
-use summary::Rendered;
+use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, TargetSurface};
 
+use crate::args::numbers::FrameRange;
+use crate::args::{ADVANCED, LayerArgs, ModelArgs, SceneArgs, TargetArgs, named, numbers};
 use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
-use crate::job::Job;
-use crate::measure::Times;
+use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;
+use explain::Explained;
+use outputs::{OutputArgs, Outputs, disparity_max};
+use summary::Rendered;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;
-    args.scores.check(args.targets.have_truth())?;
+    summary::check_scores(args.scores.as_deref(), args.targets.have_truth())?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
     let mut job = Job::open(photos, &args.layers, &args.model)?;
-    let mut targets = args.targets.resolve(job.views())?;
+    let mut targets = args.targets.resolve(job.synthesizer.views())?;
     if let Some(degrees) = args.fov {
         for target in &mut targets.list {
             target.camera = target.camera.with_field_of_view(degrees)?;
         }
     }
-    args.holdout.apply(job.scene(), &mut targets)?;
+    targets.held_out.extend(named(job.synthesizer.scene(), &args.holdout)?);
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
     let frames = args.frames.clone().unwrap_or(0..all.len());
@@ -46,14 +46,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
         bail!("--frames {}:{}: the path has {} frames; expected B up to {2}", frames.start, frames.end, all.len());
     }
     let shots = all[frames].to_vec();
-    let mut output_plan = OutputPlan::new(job.scene());
+    let mut output_plan = OutputPlan::new(job.synthesizer.scene());
     let (option, file) = args.targets.camera_file();
     output_plan.protect(option, file);
     args.model.protect(&mut output_plan, job.model.path());
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
-    args.scores.plan_outputs(&mut output_plan)?;
-    args.explain.plan_outputs(pictures.len(), &mut output_plan)?;
+    args.scores.iter().try_for_each(|file| output_plan.file("--scores", file))?;
+    args.explain.iter().try_for_each(|file| explain::plan_output(file, pictures.len(), &mut output_plan))?;
     output_plan.prepare()?;
     outputs.begin(&shots, || record::fields(&job, &all, &args.targets, &args.layers))?;
     job.progress = progress("layers")?;
@@ -65,14 +65,16 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     // An error after an interrupt, such as a network run that was ended, is reported as the
     // interrupt.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
-    let (done, explanation) = rendered.inspect_err(|_| outputs.print_how_to_resume(wanted))?;
+    let (done, explanation) =
+        rendered.inspect_err(|_| outputs.record.iter().for_each(|record| record.print_how_to_resume(wanted)))?;
     check_coverage(&done, args)?;
     warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
     let share = args.frames.clone().map(|frames| (frames, all.len()));
-    let table = args.scores.write(&done)?;
     let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
-    output.text += &table;
+    if let Some(file) = &args.scores {
+        output.text += &summary::write_scores(file, &done)?;
+    }
     Ok(output)
 }
 
@@ -125,9 +127,9 @@ fn render(
     outputs: &mut Outputs,
     args: &RenderArgs,
     stop: &AtomicBool,
-) -> Result<(Vec<Rendered>, Option<Explanation>)> {
+) -> Result<(Vec<Rendered>, Option<Output>)> {
     // As in the paper's video, all frames use the planes that the first one selects.
-    let shared = moving && matches!(job.layers(), LayerSpec::Select { .. });
+    let shared = moving && matches!(job.synthesizer.layers(), LayerSpec::Select { .. });
     let mut done: Vec<Rendered> = Vec::with_capacity(shots.len());
     let (mut kept, mut explanation): (Option<Plan>, _) = (None, None);
     let single = all.len() == 1;
@@ -148,7 +150,7 @@ fn render(
             kept = Some(job.plan(&first)?);
         }
         let loaded = job.synthesizer.load(&shot, later)?;
-        let truth = shot.truth.map(|view| job.scene().load_image(view)).transpose()?;
+        let truth = shot.truth.map(|view| job.synthesizer.scene().load_image(view)).transpose()?;
         let photos = started.elapsed();
         let plan = match kept.take() {
             Some(plan) => job.synthesizer.plan_on(&loaded, plan.layers)?,
@@ -168,7 +170,7 @@ fn render(
         if single && is_blank(uncovered_share) {
             return Err(no_coverage(args));
         }
-        explanation = args.explain.explain(job, &about)?;
+        explanation = args.explain.as_ref().map(|file| explain::explain(file, job, &about)).transpose()?;
         let digests = outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let count = frame.logits_not_finite;
@@ -187,9 +189,72 @@ fn render(
             files: outputs.files(&shot),
             shot,
         };
-        outputs.written(&one, digests)?;
+        outputs.record.as_mut().map_or(Ok(()), |record| record.add(&one, digests))?;
         done.push(one);
         kept = Some(plan).filter(|_| shared);
     }
     Ok((done, explanation))
+}
+
+const SHORT_EXAMPLES: &str = "\
+Examples:
+  liveview render scene --target IMG_7.jpg -o new.png
+  liveview render scene --path circle:120 -o flight.mp4
+
+--help also lists the advanced options.";
+
+const EXAMPLES: &str = "\
+Examples:
+  liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
+  liveview render scene --heldout 8 --layers guided:4 --compare compared/ --scores scores.csv
+  liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
+  liveview render scene --target IMG_7.jpg -o new.png --explain why.png
+  liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
+  liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
+  liveview render scene --path interpolate:300:a.jpg,b.jpg,c.jpg --fov 50 -o flight.mp4
+  liveview render scene --path spiral:900 -o frames/
+  liveview render scene --path spiral:900 -o frames/ --resume
+  liveview render scene --path spiral:900 -o frames/ --frames 100:200";
+
+/// Options of `liveview render`, in the order of the help.
+#[derive(Debug, Args)]
+#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
+pub(crate) struct RenderArgs {
+    #[command(flatten)]
+    targets: TargetArgs,
+    /// Horizontal field of view of the pictures of --pose and --path [default: the photos']
+    #[arg(long, value_name = "DEGREES", value_parser = numbers::field_of_view, conflicts_with_all = ["target", "heldout"])]
+    fov: Option<f64>,
+    /// With --pose or --path: photos to leave out of the rendering, by name
+    #[arg(long, value_name = "NAME,…", conflicts_with_all = ["target", "heldout"])]
+    holdout: Vec<String>,
+    #[command(flatten)]
+    output: OutputArgs,
+    /// Also write a table of the scores, a line per picture
+    ///
+    /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
+    /// where it is unknown: the score of a picture that is too small, the time of one that --resume
+    /// kept.
+    #[arg(long, value_name = "CSV")]
+    scores: Option<PathBuf>,
+    #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Render only the frames A up to but without B of the path, counted from 0: the share of one machine
+    ///
+    /// They are the same as in the whole path, and have the same names. Into a folder, they are
+    /// recorded in liveview_A_B.json, so that several runs can write to one folder.
+    #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
+    #[arg(help_heading = ADVANCED, hide_short_help = true)]
+    frames: Option<FrameRange>,
+    /// Print which layers were used and skipped and where the time went, and draw the layers; for
+    /// one target
+    ///
+    /// The picture shows the disparity of surface layers, the plane of each pixel, or the nearest
+    /// disparity, farthest disparity and parallax of guided layers.
+    #[arg(long, value_name = "PNG", help_heading = ADVANCED, hide_short_help = true)]
+    explain: Option<PathBuf>,
 }

@@ -17,8 +17,8 @@ use serde_json::json;
 
 use super::record::{self, Fields, Record};
 use super::summary::Rendered;
-use crate::args::numbers::{self, FrameRange, frame_rate};
-use crate::args::output::{OutputPath, Variant, has_extension, write_atomically};
+use crate::args::numbers::{FrameRange, frame_rate};
+use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
 use crate::outputs::{OutputPlan, note_other_pictures};
 
@@ -70,7 +70,7 @@ pub(super) struct Outputs {
     jpeg_quality: Option<u8>,
     resume: bool,
     /// The record of a folder of pictures.
-    record: Option<Record>,
+    pub(super) record: Option<Record>,
 }
 
 impl Outputs {
@@ -212,16 +212,6 @@ impl Outputs {
             write(&file, &encode(&file, &side_by_side(&[truth, &picture, &difference]))?)?;
         }
         Ok(digests)
-    }
-
-    /// Adds a written shot to the record.
-    pub(super) fn written(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
-        self.record.as_mut().map_or(Ok(()), |record| record.add(one, digests))
-    }
-
-    /// Prints how to continue after an error, if possible.
-    pub(super) fn print_how_to_resume(&self, wanted: usize) {
-        self.record.iter().for_each(|record| record.print_how_to_resume(wanted));
     }
 
     /// Finishes the video, if there is one, and returns its file; prints a note on other pictures

@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Error, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use liveview_files::atomic::{AtomicFile, is_special};
 use liveview_files::bounded;
 use liveview_synthesizer::Score;
@@ -15,9 +15,8 @@ use liveview_synthesizer::Shot;
 use serde_json::{Map, Value, json};
 
 use super::summary::Rendered;
-use crate::args::layers::LayerArgs;
 use crate::args::numbers::FrameRange;
-use crate::args::scene::TargetArgs;
+use crate::args::{LayerArgs, TargetArgs};
 use crate::console::{path_text, print_message};
 use crate::job::Job;
 
@@ -31,7 +30,7 @@ pub(super) type Fields = Vec<(&'static str, String)>;
 
 /// The fields of a job. Pictures do not depend on the number of threads and the batch size.
 pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &LayerArgs) -> Result<Fields> {
-    let scene = job.scene();
+    let scene = job.synthesizer.scene();
     let root = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     let first = &shots[0];
     let model = match job.model.path() {
@@ -48,7 +47,8 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         cameras += &format!("{ranges:?}\n");
     }
     // Of the same range, planes are others where it is given than where it is refined.
-    let is_refined = first.refines_range && job.synthesizer.uses_depth() && job.layers().kind() != "surface";
+    let is_refined =
+        first.refines_range && job.synthesizer.uses_depth() && job.synthesizer.layers().kind() != "surface";
     for shot in shots {
         cameras += &format!("{} {:?} {:?} {:?} {:?}\n", shot.name, shot.target, shot.near, shot.far, shot.views);
         views.extend(&shot.views);
@@ -63,11 +63,11 @@ pub(super) fn fields(job: &Job, shots: &[Shot], targets: &TargetArgs, layers: &L
         ("liveview", env!("CARGO_PKG_VERSION").to_owned()),
         ("scene", path_text(&root)),
         ("targets", targets.to_string()),
-        ("layers", job.layers().to_string()),
+        ("layers", job.synthesizer.layers().to_string()),
         ("exposure", (if correction.exposure { "balanced" } else { "kept" }).to_owned()),
         ("sharpness", (if correction.sharpness { "balanced" } else { "kept" }).to_owned()),
         ("model", model),
-        ("alpha", job.alpha().to_string()),
+        ("alpha", job.synthesizer.renderer().alpha().to_string()),
         ("engine", job.model.engine()),
         ("size", format!("{}x{}", first.target.width(), first.target.height())),
         ("depth", format!("{} to {}{}", first.near, first.far, if is_refined { " at most" } else { "" })),
@@ -184,7 +184,8 @@ impl Record {
             "ssim": one.score.as_ref().map(|score| score.ssim), "uncovered_share": one.uncovered_share,
             "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
         });
-        self.append(&one.shot.name, entry).map_err(|error| self.write_error(&error))
+        self.append(&one.shot.name, entry)
+            .map_err(|error| anyhow!("{}: cannot be written: {error}", self.path.display()))
     }
 
     fn append(&mut self, name: &str, entry: Value) -> io::Result<()> {
@@ -213,10 +214,6 @@ impl Record {
         file.write_all(text.as_bytes())?;
         self.file = Some((file.finish_open()?, Instant::now()));
         Ok(())
-    }
-
-    fn write_error(&self, error: &io::Error) -> Error {
-        anyhow!("{}: cannot be written: {error}", self.path.display())
     }
 
     /// Prints how to continue after an error.

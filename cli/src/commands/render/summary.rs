@@ -1,23 +1,19 @@
 //! The rendered pictures, and the report on them: the summary of `render` as text and as JSON, and the table of scores as CSV.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
-use clap::Args;
-use liveview_live::memory::peak_memory;
-use liveview_synthesizer::Score;
-use liveview_synthesizer::Shot;
+use liveview_live::peak_memory;
+use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 
-use super::explain::Explanation;
 use crate::args::numbers::FrameRange;
-use crate::args::output::{has_extension, write_atomically};
+use crate::args::{has_extension, write_atomically};
 use crate::console::{Output, escaped, path_text};
-use crate::job::Job;
-use crate::measure::{Times, time_text};
-use crate::outputs::OutputPlan;
+use crate::job::{Job, Times, time_text};
 
 /// Names listed in one line.
 const LISTED_NAMES: usize = 6;
@@ -30,14 +26,9 @@ pub(super) fn rendered(
     moving: bool,
     share: Option<(FrameRange, usize)>,
     video: Option<PathBuf>,
-    explanation: Option<Explanation>,
+    explanation: Option<Output>,
 ) -> Output {
-    let mut text = match done {
-        [one] => single(job, one),
-        [] => String::new(),
-        many if moving => path(job, many),
-        many => table(job, many),
-    };
+    let mut text = pictures(job, done, moving);
     if let Some((frames, all)) = &share {
         line(&mut text, "frames", &format!("{} up to but without {}, of {all} of the path", frames.start, frames.end));
     }
@@ -53,10 +44,10 @@ pub(super) fn rendered(
     }
     text += &job.model.text();
     let mut json = json!({
-        "scene": path_text(&job.scene().root), "format": job.scene().format.to_string(), "layers": job.layers().to_string(),
+        "scene": path_text(&job.synthesizer.scene().root), "format": job.synthesizer.scene().format.to_string(), "layers": job.synthesizer.layers().to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
         "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
-        "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.scene().notes,
+        "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.synthesizer.scene().notes,
         "frames": share.map(|(frames, all)| json!({ "start": frames.start, "end": frames.end, "of": all })),
         "explanation": explanation.map(|explanation| explanation.json),
     });
@@ -70,7 +61,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
     let seconds = |times: &Times| times.stages().map(|(stage, time)| (stage.to_owned(), json!(time.as_secs_f64())));
     json!({
         "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
-        "views": job.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
+        "views": job.synthesizer.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
         "uncovered_share": one.uncovered_share, "occluded_share": one.occluded_share,
@@ -79,51 +70,47 @@ fn target(job: &Job, one: &Rendered) -> Value {
     })
 }
 
-fn single(job: &Job, one: &Rendered) -> String {
-    let mut text = heading(job, std::slice::from_ref(one), &escaped(&one.shot.name));
-    line(&mut text, "views", &job.views().names(&one.shot.views).join(", "));
-    line_of_times(&mut text, std::slice::from_ref(one), "");
-    if let Some(score) = &one.score {
+/// The report on one picture, on the frames of a path, or on several pictures.
+fn pictures(job: &Job, done: &[Rendered], moving: bool) -> String {
+    let (what, of) = match done {
+        [] => return String::new(),
+        [one] => (escaped(&one.shot.name), ""),
+        many if moving => (format!("{} frames", many.len()), " (medians per frame)"),
+        many => (format!("{} pictures", many.len()), " (medians per picture)"),
+    };
+    let mut text = heading(job, done, &what);
+    match done {
+        [one] => line(&mut text, "views", &job.synthesizer.views().names(&one.shot.views).join(", ")),
+        many if moving => {
+            let views: BTreeSet<usize> = many.iter().flat_map(|one| one.shot.views.iter().copied()).collect();
+            let views: Vec<usize> = views.into_iter().collect();
+            line(&mut text, "views", &abbreviated(&job.synthesizer.views().names(&views)));
+        }
+        many => table(job, many, &mut text),
+    }
+    line_of_times(&mut text, done, of);
+    if let [Rendered { score: Some(score), .. }] = done {
         let score = format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border excluded)", score.psnr, score.ssim);
         line(&mut text, "score", &score);
     }
-    finish(&mut text, std::slice::from_ref(one));
-    text
-}
-
-fn path(job: &Job, done: &[Rendered]) -> String {
-    let mut text = heading(job, done, &format!("{} frames", done.len()));
-    let mut views = done.iter().flat_map(|one| one.shot.views.iter().copied()).collect::<Vec<_>>();
-    views.sort_unstable();
-    views.dedup();
-    line(&mut text, "views", &abbreviated(&job.views().names(&views)));
-    line_of_times(&mut text, done, " (medians per frame)");
     finish(&mut text, done);
     text
 }
 
-fn table(job: &Job, done: &[Rendered]) -> String {
+/// The table of scores.
+fn table(job: &Job, done: &[Rendered], text: &mut String) {
     let width = done.iter().map(|one| one.shot.name.chars().count()).max().unwrap_or(0).max(4);
-    let mut text = heading(job, done, &format!("{} pictures", done.len()));
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
         let time = times.as_ref().map_or_else(|| "kept".to_owned(), |times| time_text(times.total()));
-        let views = job.views().names(&shot.views);
-        let _ = writeln!(
-            text,
-            "{:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}",
-            escaped(&shot.name),
-            escaped(&abbreviated(&views))
-        );
+        let (name, views) = (escaped(&shot.name), job.synthesizer.views().names(&shot.views));
+        let _ = writeln!(text, "{name:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", escaped(&abbreviated(&views)));
     }
     if let Some((psnr, ssim)) = mean(done) {
         let _ = writeln!(text, "{:width$}  {psnr:7.2}  {ssim:6.4}  ({BORDER}-pixel border excluded)", "mean");
     }
     text.push('\n');
-    line_of_times(&mut text, done, " (medians per picture)");
-    finish(&mut text, done);
-    text
 }
 
 /// Size, layers and depth range.
@@ -131,7 +118,7 @@ fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
     let first = &done[0].shot;
     let near = done.iter().map(|one| one.shot.near).fold(f64::INFINITY, f64::min);
     let far = done.iter().map(|one| one.shot.far).fold(0.0, f64::max);
-    let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), job.layers());
+    let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), job.synthesizer.layers());
     format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
 }
 
@@ -193,42 +180,23 @@ fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
     line(text, "time", &format!("{stages}{of}"));
 }
 
-/// Option for the table of scores.
-#[derive(Debug, Args)]
-pub(super) struct ScoreArgs {
-    /// Also write a table of the scores, a line per picture
-    ///
-    /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
-    /// where it is unknown: the score of a picture that is too small, the time of one that --resume
-    /// kept.
-    #[arg(long, value_name = "CSV")]
-    scores: Option<PathBuf>,
+/// Checks the option `--scores`, before anything is opened.
+pub(super) fn check_scores(file: Option<&Path>, have_truth: bool) -> Result<()> {
+    let Some(file) = file else { return Ok(()) };
+    let at = file.display();
+    if !has_extension(file, &["csv"]) {
+        bail!("--scores {at}: expected a name that ends in .csv");
+    }
+    if !have_truth {
+        bail!("--scores {at}: there is no photo to compare with; expected --target or --heldout");
+    }
+    Ok(())
 }
 
-impl ScoreArgs {
-    /// Checks the option, before anything is opened.
-    pub(super) fn check(&self, have_truth: bool) -> Result<()> {
-        let Some(file) = &self.scores else { return Ok(()) };
-        let at = file.display();
-        if !has_extension(file, &["csv"]) {
-            bail!("--scores {at}: expected a name that ends in .csv");
-        }
-        if !have_truth {
-            bail!("--scores {at}: there is no photo to compare with; expected --target or --heldout");
-        }
-        Ok(())
-    }
-
-    pub(super) fn plan_outputs(&self, output_plan: &mut OutputPlan) -> Result<()> {
-        self.scores.as_ref().map_or(Ok(()), |file| output_plan.file("--scores", file))
-    }
-
-    /// Writes the table; returns its line for the summary.
-    pub(super) fn write(&self, done: &[Rendered]) -> Result<String> {
-        let Some(file) = &self.scores else { return Ok(String::new()) };
-        write_atomically(file, csv(done).as_bytes())?;
-        Ok(format!("wrote   {}\n", file.display()))
-    }
+/// Writes the table of the scores; returns its line for the summary.
+pub(super) fn write_scores(file: &Path, done: &[Rendered]) -> Result<String> {
+    write_atomically(file, csv(done).as_bytes())?;
+    Ok(format!("wrote   {}\n", file.display()))
 }
 
 fn csv(done: &[Rendered]) -> String {

@@ -2,18 +2,19 @@
 
 mod process;
 
+use std::cmp::Ordering;
+use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, Command, Stdio};
+use std::str::FromStr;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
 
-pub use process::{Process, ProcessHandle, command};
-
-use crate::frame_rate::FrameRate;
+pub(crate) use process::{Decoder, Process, ProcessHandle, command};
 
 /// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].
 #[derive(Debug)]
@@ -149,7 +150,7 @@ fn command_for(path: &Path) -> Result<Command> {
 /// # Errors
 ///
 /// If ffmpeg is not installed or cannot read the file, which the error names.
-pub fn count_frames(path: &Path) -> Result<usize> {
+pub(crate) fn count_frames(path: &Path) -> Result<usize> {
     let at = path.display();
     let mut command = command(&format!("{at}: videos are read by ffmpeg, which is not on the PATH"))?;
     // Absolute: ffmpeg takes a name before a colon for a protocol.
@@ -164,4 +165,65 @@ pub fn count_frames(path: &Path) -> Result<usize> {
         line.clear();
     }
     if process.wait()?.success() { Ok(count) } else { Err(anyhow!("{at}: {}", process.failure())) }
+}
+
+/// Frames per second, as a fraction: 30, 29.97 or 30000/1001.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameRate {
+    /// Numerator, in lowest terms.
+    pub frames: u32,
+    /// Denominator, in lowest terms.
+    pub seconds: u32,
+}
+
+impl FrameRate {
+    /// The rate as a number.
+    pub fn per_second(self) -> f64 {
+        f64::from(self.frames) / f64::from(self.seconds)
+    }
+}
+
+impl FromStr for FrameRate {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        let number = |text: &str| text.parse::<u32>().ok().filter(|&number| number > 0 && digits(text));
+        let parts = match (text.split_once('/'), text.split_once('.')) {
+            (Some((frames, seconds)), _) => number(frames).zip(number(seconds)),
+            (None, Some((_, decimals))) if (1..=6).contains(&decimals.len()) => {
+                number(&text.replacen('.', "", 1)).zip(Some(10_u32.pow(decimals.len() as u32)))
+            }
+            _ => number(text).zip(Some(1)),
+        };
+        let (frames, seconds) = parts.ok_or(())?;
+        let (mut divisor, mut rest) = (frames, seconds);
+        while rest > 0 {
+            (divisor, rest) = (rest, divisor % rest);
+        }
+        Ok(Self { frames: frames / divisor, seconds: seconds / divisor })
+    }
+}
+
+impl Ord for FrameRate {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let crossed = |a: u32, b: u32| u64::from(a) * u64::from(b);
+        crossed(self.frames, other.seconds).cmp(&crossed(other.frames, self.seconds))
+    }
+}
+
+impl PartialOrd for FrameRate {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// In ffmpeg's notation.
+impl fmt::Display for FrameRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.seconds {
+            1 => write!(f, "{}", self.frames),
+            seconds => write!(f, "{}/{seconds}", self.frames),
+        }
+    }
 }

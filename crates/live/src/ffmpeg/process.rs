@@ -1,15 +1,18 @@
-//! A running ffmpeg process: reads its messages, and kills it if it hangs.
+//! A running ffmpeg process: reads its messages, and kills it if it hangs; and the videos that are read through one.
 
-use std::io::Read;
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, sleep};
 use std::time::Duration;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
+use liveview::ImageRgb;
+use liveview::geometry::{MAX_SIDE, Size};
 
+use super::FrameRate;
 use crate::interrupt;
 
 /// How long ffmpeg may be idle while the program waits for it.
@@ -24,7 +27,7 @@ const MAX_MESSAGE_BYTES: u64 = 2000;
 
 /// An ffmpeg process whose standard error is read, and which is killed if it hangs.
 #[derive(Debug)]
-pub struct Process {
+pub(crate) struct Process {
     handle: ProcessHandle,
     messages: Option<JoinHandle<String>>,
     watchdog: Arc<Watchdog>,
@@ -45,7 +48,7 @@ struct Watchdog {
 
 impl Process {
     /// Starts the process. It is not idle while `file` grows.
-    pub fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
+    pub(crate) fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
         Self::start_with(command, file, MAX_IDLE)
     }
 
@@ -70,17 +73,17 @@ impl Process {
     }
 
     /// A handle by which another thread can kill the process.
-    pub fn handle(&self) -> ProcessHandle {
+    pub(crate) fn handle(&self) -> ProcessHandle {
         self.handle.clone()
     }
 
     /// Gives access to the process.
-    pub fn with_child<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
+    pub(crate) fn with_child<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
         self.handle.with(work)
     }
 
     /// Runs `work`, which waits for ffmpeg; ffmpeg is killed if it hangs meanwhile.
-    pub fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
         self.watchdog.waits.fetch_add(1, Ordering::Relaxed);
         self.watchdog.waiting.store(true, Ordering::Relaxed);
         let result = work();
@@ -89,7 +92,7 @@ impl Process {
     }
 
     /// Waits for the process to exit.
-    pub fn wait(&self) -> std::io::Result<ExitStatus> {
+    pub(crate) fn wait(&self) -> std::io::Result<ExitStatus> {
         self.waiting(|| {
             loop {
                 // The lock is released between the checks, so that the process can be killed.
@@ -103,7 +106,7 @@ impl Process {
 
     /// Waits for the process to exit. An error message if it failed or has printed a message: of a full disk ffmpeg
     /// prints an error, and may exit with 0.
-    pub fn finish(&mut self) -> Result<(), String> {
+    pub(crate) fn finish(&mut self) -> Result<(), String> {
         let status = self.wait();
         let messages = self.messages();
         if status.as_ref().is_ok_and(ExitStatus::success) && messages.is_empty() {
@@ -113,7 +116,7 @@ impl Process {
     }
 
     /// Waits for the process to exit; returns its exit status and messages as an error message.
-    pub fn failure(&mut self) -> String {
+    pub(crate) fn failure(&mut self) -> String {
         let status = self.wait();
         let messages = self.messages();
         self.failure_of(status, &messages)
@@ -159,11 +162,11 @@ impl Watchdog {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub struct ProcessHandle(Arc<Mutex<Child>>);
+pub(crate) struct ProcessHandle(Arc<Mutex<Child>>);
 
 impl ProcessHandle {
     /// Kills the process.
-    pub fn kill(&self) {
+    pub(crate) fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();
@@ -187,7 +190,7 @@ fn messages(mut pipe: ChildStderr) -> String {
 }
 
 /// A command for ffmpeg; the error `missing` if it is not installed.
-pub fn command(missing: &str) -> Result<Command> {
+pub(crate) fn command(missing: &str) -> Result<Command> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let name = format!("ffmpeg{}", std::env::consts::EXE_SUFFIX);
     let mut programs = std::env::split_paths(&folders).map(|folder| folder.join(&name)).filter(|file| file.is_file());
@@ -196,7 +199,101 @@ pub fn command(missing: &str) -> Result<Command> {
     Ok(command)
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+
+/// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
+#[derive(Debug)]
+pub(crate) struct Decoder {
+    path: PathBuf,
+    process: Process,
+    pipe: BufReader<ChildStdout>,
+}
+
+impl Decoder {
+    /// Starts ffmpeg, to read every frame, or with a rate the frame at each of its times.
+    pub(crate) fn start(path: &Path, rate: Option<FrameRate>) -> Result<Self> {
+        let filter = rate.map(|rate| format!("fps={rate}"));
+        let mut options = vec!["-pix_fmt", "rgb24"];
+        options.extend(filter.iter().flat_map(|filter| ["-vf", filter]));
+        options.extend(["-f", "image2pipe", "-c:v", "ppm"]);
+        Self::start_with(path, &options)
+    }
+
+    fn start_with(path: &Path, options: &[&str]) -> Result<Self> {
+        let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
+        // Absolute: ffmpeg takes a name before a colon for a protocol.
+        command.arg("-i").arg(std::path::absolute(path)?).arg("-an").args(options).arg("-");
+        let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
+        let pipe = process.with_child(|child| child.stdout.take()).expect("piped");
+        Ok(Self { path: path.to_owned(), process, pipe: BufReader::with_capacity(1 << 16, pipe) })
+    }
+
+    /// The frame rate of a video.
+    pub(crate) fn rate(path: &Path) -> Result<FrameRate> {
+        // The y4m header holds the rate; the pixels are not read.
+        let mut decoder = Self::start_with(path, &["-frames:v", "1", "-pix_fmt", "gray", "-f", "yuv4mpegpipe"])?;
+        let mut header = String::new();
+        let _ = decoder.reading(|pipe| pipe.by_ref().take(256).read_line(&mut header));
+        let rate = header.split_whitespace().find_map(|word| word.strip_prefix('F')?.replace(':', "/").parse().ok());
+        match rate {
+            Some(rate) => Ok(rate),
+            None if header.is_empty() => Err(decoder.failed()),
+            None => bail!("{}: ffmpeg reports no frame rate", path.display()),
+        }
+    }
+
+    /// A handle with which another thread can end ffmpeg while this one waits for a frame.
+    pub(crate) fn handle(&self) -> ProcessHandle {
+        self.process.handle()
+    }
+
+    fn reading<T>(&mut self, read: impl FnOnce(&mut BufReader<ChildStdout>) -> io::Result<T>) -> io::Result<T> {
+        let Self { process, pipe, .. } = self;
+        process.waiting(|| read(pipe))
+    }
+
+    fn failed(&mut self) -> anyhow::Error {
+        anyhow!("{}: {}", self.path.display(), self.process.failure())
+    }
+
+    /// The size of the next frame, whose pixels follow; `None` at the end.
+    fn header(&mut self) -> Result<Option<Size>> {
+        if self.reading(|pipe| pipe.fill_buf().map(<[u8]>::is_empty))? {
+            return if self.process.wait()?.success() { Ok(None) } else { Err(self.failed()) };
+        }
+        let mut words = Vec::new();
+        while words.len() < 4 {
+            let mut line = String::new();
+            if self.reading(|pipe| pipe.by_ref().take(64).read_line(&mut line))? == 0 {
+                bail!("{}: ffmpeg ended within a frame", self.path.display());
+            }
+            words.extend(line.split_whitespace().map(str::to_owned));
+        }
+        let side = |word: &str| word.parse().ok().filter(|side| (1..=MAX_SIDE).contains(side));
+        match (words[0].as_str(), side(&words[1]), side(&words[2]), words[3].as_str()) {
+            ("P6", Some(width), Some(height), "255") => Ok(Some(Size::new(width, height))),
+            _ => bail!("{}: ffmpeg wrote {}; expected an 8-bit pixmap", self.path.display(), words.join(" ")),
+        }
+    }
+
+    /// The next frame; `None` at the end.
+    pub(crate) fn next(&mut self) -> Result<Option<ImageRgb>> {
+        let Some(size) = self.header()? else { return Ok(None) };
+        let mut bytes = vec![0; 3 * size.pixels()];
+        let read = self.reading(|pipe| pipe.read_exact(&mut bytes));
+        read.with_context(|| format!("{}: cut short", self.path.display()))?;
+        Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
+    }
+
+    /// Skips a frame; false at the end.
+    pub(crate) fn skip(&mut self) -> Result<bool> {
+        let Some(size) = self.header()? else { return Ok(false) };
+        let size = 3 * size.pixels() as u64;
+        Ok(self.reading(|pipe| io::copy(&mut pipe.by_ref().take(size), &mut io::sink()))? == size)
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 

@@ -9,10 +9,8 @@ use liveview::geometry::Size;
 use liveview::image::{self, ImageError};
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
-use super::decoder::Decoder;
-use super::frame_names::{Photos, photos_in};
-use crate::ffmpeg::{ProcessHandle, count_frames, has_extension};
-use crate::frame_rate::FrameRate;
+use super::steps::{Photos, photos_in};
+use crate::ffmpeg::{Decoder, FrameRate, ProcessHandle, count_frames, has_extension};
 
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 
@@ -33,7 +31,7 @@ enum Frames {
 
 impl Feed {
     /// The cameras of a rig: folders of photos and video files in a folder, in byte order of their names.
-    pub fn all_in(folder: &Path) -> Result<Vec<Self>> {
+    pub(super) fn all_in(folder: &Path) -> Result<Vec<Self>> {
         let mut feeds = Vec::new();
         for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
             let path = entry?.path();
@@ -70,7 +68,7 @@ impl Feed {
     ///
     /// # Errors
     /// ffmpeg cannot read the video.
-    pub fn count_steps(&self) -> Result<usize> {
+    pub(super) fn count_steps(&self) -> Result<usize> {
         match &self.frames {
             Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
             Frames::Video(path, None) => count_frames(path),
@@ -103,32 +101,29 @@ impl Feed {
     }
 
     /// Makes a video deliver the frame at each time of a rate.
-    pub fn set_rate(&mut self, steps: FrameRate) {
+    pub(super) fn set_rate(&mut self, steps: FrameRate) {
         if let Frames::Video(_, rate) = &mut self.frames {
             *rate = Some(steps);
         }
     }
 
-    /// Its first readable frame.
+    /// The file of its first readable frame, and the size in pixels.
     ///
     /// # Errors
     /// No frame can be read; the error of the first.
-    pub fn first_frame(&self) -> Result<FirstFrame> {
+    pub(super) fn first_frame(&self) -> Result<(PathBuf, Size)> {
         match &self.frames {
             Frames::Photos(photos) => {
                 let mut failed = None;
                 for path in photos.values() {
                     match image::read_size(path) {
-                        Ok(size) => return Ok(FirstFrame { path: path.clone(), size }),
+                        Ok(size) => return Ok((path.clone(), size)),
                         Err(error) => failed = failed.or(Some(error)),
                     }
                 }
                 Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
             }
-            Frames::Video(path, _) => {
-                let photo = first_of_video(path)?;
-                Ok(FirstFrame { path: path.clone(), size: photo.size() })
-            }
+            Frames::Video(path, _) => Ok((path.clone(), first_of_video(path)?.size())),
         }
     }
 
@@ -136,9 +131,9 @@ impl Feed {
     ///
     /// # Errors
     /// The file is damaged or missing.
-    pub fn load_first(&self, first: &FirstFrame) -> Result<ImageRgb> {
+    fn load_first(&self, first: &Path) -> Result<ImageRgb> {
         match &self.frames {
-            Frames::Photos(_) => Ok(image::load(&first.path)?),
+            Frames::Photos(_) => Ok(image::load(first)?),
             Frames::Video(path, _) => first_of_video(path),
         }
     }
@@ -150,15 +145,6 @@ impl Feed {
             Frames::Video(path, rate) => Reader(OpenFrames::Video(Decoder::start(path, *rate)?)),
         })
     }
-}
-
-/// The first readable frame of a camera.
-#[derive(Debug, Clone)]
-pub struct FirstFrame {
-    /// The photo or the video.
-    pub path: PathBuf,
-    /// In pixels.
-    pub size: Size,
 }
 
 fn first_of_video(path: &Path) -> Result<ImageRgb> {
@@ -189,7 +175,7 @@ pub enum Delivered {
 
 impl Reader {
     /// The ffmpeg process that reads a video.
-    pub fn decoder(&self) -> Option<ProcessHandle> {
+    pub(crate) fn decoder(&self) -> Option<ProcessHandle> {
         match &self.0 {
             OpenFrames::Photos(_) => None,
             OpenFrames::Video(decoder) => Some(decoder.handle()),
@@ -224,13 +210,15 @@ impl Reader {
 #[derive(Debug)]
 pub(super) struct RigCamera {
     pub(super) feed: Feed,
-    pub(super) first: FirstFrame,
+    /// The file of its first readable frame.
+    pub(super) first: PathBuf,
+    /// In pixels.
+    pub(super) size: Size,
 }
 
 impl RigCamera {
     fn photo(&self) -> Photo {
-        let FirstFrame { path, size } = &self.first;
-        Photo { name: self.feed.name.clone(), path: path.clone(), size: *size, ignored: Vec::new() }
+        Photo { name: self.feed.name.clone(), path: self.first.clone(), size: self.size, ignored: Vec::new() }
     }
 }
 
@@ -274,12 +262,12 @@ impl PhotoSource for RigPhotos {
     }
 
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
-        let Some(RigCamera { feed, first }) = self.named(name) else {
+        let Some(RigCamera { feed, first, .. }) = self.named(name) else {
             return Err(SceneError::Read { path: name.into(), source: io::ErrorKind::NotFound.into() });
         };
         feed.load_first(first).map_err(|error| match error.downcast::<ImageError>() {
             Ok(error) => error.into(),
-            Err(error) => SceneError::Read { path: first.path.clone(), source: io::Error::other(format!("{error:#}")) },
+            Err(error) => SceneError::Read { path: first.clone(), source: io::Error::other(format!("{error:#}")) },
         })
     }
 }

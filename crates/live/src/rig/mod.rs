@@ -1,26 +1,23 @@
 //! A camera rig: a folder with a folder of frames or a video file for each camera, and their poses in any format. It is opened as
 //! a scene whose photos are the cameras' first frames.
 
-mod decoder;
 mod feed;
-mod frame_names;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::frame_rate::FrameRate;
 use anyhow::{Result, anyhow, bail};
 use liveview::Camera;
 use liveview::geometry::choose_views;
 use liveview_scene::SceneError;
 use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
 
+use crate::ffmpeg::FrameRate;
+pub use feed::{Delivered, Feed, Reader};
 use feed::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
-
-pub use feed::{Delivered, Feed, Reader};
 
 /// Folders of a rig in which its cameras may lie.
 const FOLDERS: [&str; 4] = ["", "images", "frames", "videos"];
@@ -122,9 +119,9 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
     let (count, mut cameras, mut rates, mut left_out) = (feeds.len(), Vec::new(), Vec::new(), Vec::new());
     for feed in feeds {
         match feed.first_frame().and_then(|first| Ok((feed.rate()?, first))) {
-            Ok((rate, first)) => {
+            Ok((rate, (first, size))) => {
                 rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
-                cameras.push(RigCamera { feed, first });
+                cameras.push(RigCamera { feed, first, size });
             }
             Err(error) => left_out.push(format!("camera {} is left out: {error:#}", feed.name)),
         }

@@ -6,13 +6,14 @@
 //! moves. A photo is compared, by the means of [`CELL`]×[`CELL`] pixels, with its content when that
 //! part was searched: noise averages out, and slow changes accumulate.
 
-use ndarray::{Array2, s};
+use std::sync::OnceLock;
 
-use super::step::Step;
-use liveview::geometry::{Camera, Size};
+use liveview::geometry::{Camera, Size, facing_alike};
+use liveview::image::ImageRgb;
 use liveview::warp::{SourceView, Texture};
 use liveview_surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, Region, Reuse, dirty_regions, photo_depth};
 use liveview_synthesizer::PhotosWithDepth;
+use ndarray::{Array2, s};
 
 /// Pixels per side of a cell.
 const CELL: usize = 2;
@@ -26,6 +27,7 @@ const MAX_DIRTY_SHARE: f64 = 0.75;
 type Cells = Array2<[f32; 3]>;
 
 /// Depth maps of the cameras of a rig.
+#[derive(Debug)]
 pub(super) struct CameraDepths {
     maps: DepthMaps,
     /// The photo of each camera when its depth was searched.
@@ -138,4 +140,35 @@ fn cells(photo: &Texture) -> Cells {
 fn changed(then: &Cells, now: &Cells) -> Vec<Region> {
     let differs = |then: &[f32; 3], now: &[f32; 3]| then.iter().zip(now).any(|(a, b)| (a - b).abs() > MIN_CHANGE);
     dirty_regions(ndarray::Zip::from(then).and(now).map_collect(differs).view())
+}
+
+/// The photos of one time step; each becomes a texture when it is first needed.
+pub(super) struct Step<'a> {
+    pub(super) cameras: &'a [Camera],
+    photos: &'a [Option<&'a ImageRgb>],
+    textures: Vec<OnceLock<Texture>>,
+}
+
+impl<'a> Step<'a> {
+    pub(super) fn new(cameras: &'a [Camera], photos: &'a [Option<&'a ImageRgb>]) -> Self {
+        Self { cameras, photos, textures: photos.iter().map(|_| OnceLock::new()).collect() }
+    }
+
+    /// Number of cameras that have delivered a photo.
+    pub(super) fn delivered(&self) -> usize {
+        self.photos.iter().flatten().count()
+    }
+
+    /// The cameras that have delivered a photo and face the direction of this one, nearest first.
+    pub(super) fn nearest(&self, camera: &Camera) -> Vec<usize> {
+        let delivered: Vec<usize> = (0..self.photos.len()).filter(|&view| self.photos[view].is_some()).collect();
+        let cameras: Vec<&Camera> = delivered.iter().map(|&view| &self.cameras[view]).collect();
+        facing_alike(&cameras, camera).into_iter().map(|index| delivered[index]).collect()
+    }
+
+    /// A camera that has delivered a photo, and its texture.
+    pub(super) fn source(&self, view: usize) -> SourceView<'_> {
+        let texture = || Texture::new(self.photos[view].expect("delivered"));
+        SourceView { camera: &self.cameras[view], texture: self.textures[view].get_or_init(texture) }
+    }
 }

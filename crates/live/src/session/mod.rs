@@ -7,16 +7,303 @@
 //! with the length of the video.
 
 mod camera_depths;
-mod error;
-mod frame;
-mod policy;
-mod session;
-mod settings;
-mod step;
 
-pub use error::LiveError;
-pub use frame::{LiveFrame, LiveTimes};
+use std::fmt;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use liveview::geometry::{Camera, Size, TooFewViews};
+use liveview::image::ImageRgb;
+use liveview::layers::{LayersError, uniform_disparities};
+use liveview::render::{Frame, RenderError, RenderRequest, Renderer, StageTimes};
+use liveview_surface::{PhotoCorrection, Reuse, TargetSurface};
 pub use liveview_synthesizer::LayerSource;
-pub use policy::Policy;
-pub use session::LiveSession;
-pub use settings::LiveSettings;
+use liveview_synthesizer::{Carried, FrameInput, LayerSpec, find_layers};
+use rayon::prelude::*;
+
+use camera_depths::{CameraDepths, Step};
+
+/// When a session searches for the layers of its frames, where these depend on the scene
+/// ([`LayerSpec`]).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Policy {
+    /// Every so many frames (1: each). In between, the surface of guided layers moves with the
+    /// target camera, and the cameras keep their depth for surface layers, whatever the photos
+    /// show.
+    Every(usize),
+    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and
+    /// 16 of them from then on ([`liveview::network::Alpha::select_planes`]).
+    Once,
+    /// Guided layers: the surface of the last frame moves with the target camera, and is searched
+    /// again where it fits the photos less well than before. Surface layers: the depth of a
+    /// camera's photo is searched again where the photo has changed.
+    Propagate,
+}
+
+impl Policy {
+    /// The default for these layers: `once` for planes, `propagate` for layers that follow the
+    /// scene.
+    pub fn default_for(layers: &LayerSpec) -> Self {
+        if matches!(layers.kind(), "guided" | "surface") { Self::Propagate } else { Self::Once }
+    }
+}
+
+impl fmt::Display for Policy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Every(1) => write!(f, "each"),
+            Self::Every(frames) => write!(f, "every:{frames}"),
+            Self::Once => write!(f, "once"),
+            Self::Propagate => write!(f, "propagate"),
+        }
+    }
+}
+
+impl FromStr for Policy {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let frames = |text: &str| text.parse().ok().filter(|frames| (1..=1_000_000).contains(frames));
+        match text.split_once(':') {
+            None if text == "each" => Ok(Self::Every(1)),
+            None if text == "once" => Ok(Self::Once),
+            None if text == "propagate" => Ok(Self::Propagate),
+            Some(("every", number)) => {
+                let wrong = || format!("{number} is no number of frames; expected a whole number from 1 to 1000000");
+                frames(number).map(Self::Every).ok_or_else(wrong)
+            }
+            _ => Err("expected propagate, each, every:N or once".to_owned()),
+        }
+    }
+}
+
+/// How a session renders.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LiveSettings {
+    /// Nearest depth, scene units.
+    pub near: f64,
+    /// Farthest depth, scene units; may be infinite.
+    pub far: f64,
+    /// Which layers each frame is rendered on.
+    pub layers: LayerSpec,
+    /// When these are searched for.
+    pub policy: Policy,
+    /// Whether surface layers leave the exposure of the photos unchanged; by default it is
+    /// balanced.
+    pub keep_exposure: bool,
+}
+
+impl LiveSettings {
+    /// Two guided layers, the surface propagated from frame to frame.
+    pub fn new(near: f64, far: f64) -> Self {
+        let layers = LayerSpec::guided(2);
+        Self { near, far, policy: Policy::default_for(&layers), layers, keep_exposure: false }
+    }
+}
+
+/// A rendered time step.
+#[derive(Debug, Clone)]
+pub struct LiveFrame {
+    /// The picture, with its depth.
+    pub frame: Frame,
+    /// Where its layers came from.
+    pub layer_source: LayerSource,
+    /// Indices of the cameras it was rendered from, nearest first.
+    pub views: Vec<usize>,
+    /// Wall time per stage.
+    pub times: LiveTimes,
+}
+
+/// Wall time per stage of one time step.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LiveTimes {
+    /// Converting the photos to textures.
+    pub photos: Duration,
+    /// Finding the layers.
+    pub layers: Duration,
+    /// Rendering them.
+    pub stages: StageTimes,
+}
+
+impl LiveTimes {
+    /// The sum of all stages.
+    pub fn total(&self) -> Duration {
+        self.photos + self.layers + self.stages.warp + self.stages.network + self.stages.composite
+    }
+}
+
+/// Why a session, or one of its time steps, failed. After a failed time step the session can go on
+/// with the next.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LiveError {
+    /// A session without a network.
+    #[error("a session without a network; expected at least one")]
+    NoNetwork,
+    /// The number of photos differs from that of the cameras.
+    #[error("{found} photos for {expected} cameras; expected one entry per camera, None where it delivered nothing")]
+    Photos {
+        /// Cameras of the rig.
+        expected: usize,
+        /// Entries given.
+        found: usize,
+    },
+    /// A photo's size differs from its camera's.
+    #[error("the photo of camera {camera} is {found}; expected {expected}")]
+    Size {
+        /// Index of the camera.
+        camera: usize,
+        /// The photo's size, pixels.
+        found: Size,
+        /// The camera's size, pixels.
+        expected: Size,
+    },
+    /// Fewer photos face the target's direction than the smallest network takes.
+    #[error(transparent)]
+    Views(#[from] TooFewViews),
+    /// Near and far span no range of depths.
+    #[error(transparent)]
+    Layers(#[from] LayersError),
+    /// The network failed.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+/// Renders the time steps of a rig, one after the other.
+#[derive(Debug)]
+pub struct LiveSession {
+    cameras: Vec<Camera>,
+    /// Largest V first.
+    renderers: Vec<Renderer>,
+    settings: LiveSettings,
+    /// The depth of the cameras' photos, for surface layers.
+    depths: CameraDepths,
+    /// What the layers of the next frame reuse.
+    carried: Carried,
+    /// Frames since the last search or selection.
+    age: usize,
+}
+
+impl LiveSession {
+    /// A session for the cameras of a rig. Of several networks the one with the most views renders;
+    /// one with fewer only a time step for which too few photos were delivered.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError::NoNetwork`], or [`LiveError::Layers`] unless 0 < near < far.
+    pub fn new(cameras: Vec<Camera>, mut renderers: Vec<Renderer>, settings: LiveSettings) -> Result<Self, LiveError> {
+        uniform_disparities(settings.near, settings.far, 2)?;
+        renderers.sort_by_key(|renderer| std::cmp::Reverse(renderer.network().views()));
+        if renderers.is_empty() {
+            return Err(LiveError::NoNetwork);
+        }
+        let depths = CameraDepths::new(&cameras, settings.near, settings.far);
+        Ok(Self { cameras, renderers, settings, depths, carried: Carried::default(), age: 0 })
+    }
+
+    /// The cameras of the rig.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
+    /// Sets the layers of the next frames.
+    pub fn set_layers(&mut self, layers: LayerSpec) {
+        self.settings.layers = layers;
+    }
+
+    /// Drops what is reused of earlier frames: the next is rendered like the first.
+    pub fn restart(&mut self) {
+        (self.carried, self.age) = (Carried::default(), 0);
+    }
+
+    /// Renders `target` from the photos of one time step: one per camera, in the cameras' order;
+    /// `None` where a camera has delivered nothing. The nearest V of the others are used.
+    ///
+    /// # Errors
+    ///
+    /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that do not match the cameras;
+    /// [`LiveError::Views`] where too few face the target's direction (what to show instead is up
+    /// to the caller); [`LiveError::Layers`] and [`LiveError::Render`].
+    pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
+        self.check(photos)?;
+        let step = Step::new(&self.cameras, photos);
+        let (network, views) = self.choose(&step, target)?;
+        let started = Instant::now();
+        let sources: Vec<_> = views.par_iter().map(|&view| step.source(view)).collect();
+        let ready = Instant::now();
+        let reuse = match self.settings.policy {
+            Policy::Every(frames) if self.age + 1 >= frames => Reuse::Nothing,
+            Policy::Every(_) | Policy::Once => Reuse::All,
+            Policy::Propagate => Reuse::Refreshed,
+        };
+        let input = FrameInput {
+            target,
+            near: self.settings.near,
+            far: self.settings.far,
+            sources: &sources,
+            is_followed: true,
+            photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
+            searches_holes: true,
+        };
+        let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
+            Ok(self.depths.photos(&step, target, views.len(), reuse))
+        })?;
+        self.age = if matches!(plan.source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
+        let found = Instant::now();
+        let renderer = &mut self.renderers[network];
+        let visibility = plan.surface.as_ref().map(TargetSurface::visibility);
+        let request = RenderRequest {
+            corrections: &plan.corrections,
+            visibility: visibility.as_ref(),
+            ..RenderRequest::new(&sources, target, &plan.layers)
+        };
+        let frame = renderer.render(request)?;
+        if let Some(selection) = plan.selects {
+            self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);
+        }
+        let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
+        Ok(LiveFrame { frame, layer_source: plan.source, views, times })
+    }
+
+    fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {
+        if photos.len() != self.cameras.len() {
+            return Err(LiveError::Photos { expected: self.cameras.len(), found: photos.len() });
+        }
+        for (index, (photo, camera)) in photos.iter().zip(&self.cameras).enumerate() {
+            let expected = camera.size();
+            let found = photo.map_or(expected, ImageRgb::size);
+            if found != expected {
+                return Err(LiveError::Size { camera: index, found, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// Index of the network, and indices of the cameras that it renders from.
+    fn choose(&self, step: &Step<'_>, target: &Camera) -> Result<(usize, Vec<usize>), LiveError> {
+        let mut nearest = step.nearest(target);
+        let views = |renderer: &Renderer| renderer.network().views();
+        let fits = self.renderers.iter().position(|renderer| views(renderer) <= nearest.len());
+        let Some(network) = fits else {
+            let wanted = self.renderers.iter().map(views).min().unwrap_or(0);
+            return Err(TooFewViews { wanted, found: nearest.len(), of: step.delivered() }.into());
+        };
+        nearest.truncate(views(&self.renderers[network]));
+        Ok((network, nearest))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn policy_text_round_trips_and_unknown_text_is_an_error() {
+        for text in ["propagate", "each", "every:5", "once"] {
+            assert_eq!(text.parse::<Policy>().unwrap().to_string(), text);
+        }
+        assert!("every:0".parse::<Policy>().unwrap_err().contains("whole number"));
+        assert!("sometimes".parse::<Policy>().is_err() && "some:3".parse::<Policy>().is_err());
+    }
+}

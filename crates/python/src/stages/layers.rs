@@ -1,20 +1,18 @@
 //! `liveview_ref.reference.layers`: planes, their selection, and the guided search.
 
 use liveview::geometry::Size;
-use liveview::layers::{self, Layers};
+use liveview::layers::{self, Layers, padded};
 use liveview::render::{Accumulated, Blended};
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use liveview_synthesizer::MAX_LAYERS;
 use ndarray::{Array3, Ix3};
-use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
 
-use super::photo::{Photo, photos};
-use crate::arguments::{Sides, vector, whole};
+use super::warp::{Photo, photos};
+use crate::arguments::{Maps, Object, Sides, named, value, vector, whole};
 use crate::camera::camera;
-use crate::error::value;
-use crate::tuples::named;
-use crate::work::compute;
+use crate::engine::compute;
 
 /// [count] float64 disparities evenly spaced from 1/near to 1/far; far may be infinite.
 #[pyfunction]
@@ -22,7 +20,7 @@ pub(crate) fn uniform_disparities<'py>(
     py: Python<'py>,
     near: f64,
     far: f64,
-    count: &Bound<'py, PyAny>,
+    count: &Object<'py>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let count = whole("count", count)?;
     if count > MAX_LAYERS {
@@ -34,7 +32,7 @@ pub(crate) fn uniform_disparities<'py>(
 
 /// Number of pixels of which each plane is the most opaque, [D] int64, of alpha [D, H, W].
 #[pyfunction]
-pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Object<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
     let alpha: PyReadonlyArray<'py, f32, Ix3> = Sides::default().array("alpha", alpha, "D H W")?;
     let alpha = alpha.as_array();
     let found = compute(py, || {
@@ -55,23 +53,19 @@ pub(crate) fn plane_histogram<'py>(py: Python<'py>, alpha: &Bound<'py, PyAny>) -
 
 /// Indices of the `count` fullest bins, near to far.
 #[pyfunction]
-pub(crate) fn select_planes(histogram: &Bound<'_, PyAny>, count: &Bound<'_, PyAny>) -> PyResult<Vec<usize>> {
+pub(crate) fn select_planes(histogram: &Object<'_>, count: &Object<'_>) -> PyResult<Vec<usize>> {
     Ok(layers::select_planes(&counts(histogram)?, whole("count", count)?))
 }
 
 /// Indices, near to far, of the `count` planes that lie nearest to the best planes of all pixels.
 #[pyfunction]
-pub(crate) fn cover_planes(
-    py: Python<'_>,
-    histogram: &Bound<'_, PyAny>,
-    count: &Bound<'_, PyAny>,
-) -> PyResult<Vec<usize>> {
+pub(crate) fn cover_planes(py: Python<'_>, histogram: &Object<'_>, count: &Object<'_>) -> PyResult<Vec<usize>> {
     let (histogram, count) = (counts(histogram)?, whole("count", count)?);
     compute(py, || Ok(liveview_synthesizer::cover_planes(&histogram, count)))
 }
 
 /// Numbers of pixels, of at most as many planes as a picture has.
-fn counts(histogram: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
+fn counts(histogram: &Object<'_>) -> PyResult<Vec<u64>> {
     const MOST: f64 = (1_u64 << 40) as f64;
     let found = vector("histogram", histogram, "D")?;
     if found.len() > MAX_LAYERS {
@@ -90,13 +84,13 @@ fn counts(histogram: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
 #[pyo3(signature = (views, cameras, target, near, far, planes = None))]
 pub(crate) fn guided_search<'py>(
     py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
     near: f64,
     far: f64,
-    planes: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyAny>> {
+    planes: Option<&Object<'py>>,
+) -> PyResult<Object<'py>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let planes = coarse_planes(planes)?;
     let found = compute(py, || searched(&photos, &target, (near, far), planes))?;
@@ -111,14 +105,14 @@ pub(crate) fn guided_search<'py>(
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn guided_layers<'py>(
     py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
     near: f64,
     far: f64,
-    count: &Bound<'py, PyAny>,
-    planes: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    count: &Object<'py>,
+    planes: Option<&Object<'py>>,
+) -> PyResult<Maps<'py>> {
     let (photos, target) = (photos(("views", views), ("cameras", cameras))?, camera("target", target)?);
     let (count, planes) = (layer_count(count)?, coarse_planes(planes)?);
     let maps = compute(py, || {
@@ -139,7 +133,7 @@ pub(super) fn maps_of(layers: &Layers, Size { width, height }: Size) -> Array3<f
 }
 
 /// A number of layers.
-pub(super) fn layer_count(count: &Bound<'_, PyAny>) -> PyResult<usize> {
+pub(super) fn layer_count(count: &Object<'_>) -> PyResult<usize> {
     let count = whole("count", count)?;
     if (1..=MAX_LAYERS).contains(&count) {
         return Ok(count);
@@ -147,7 +141,7 @@ pub(super) fn layer_count(count: &Bound<'_, PyAny>) -> PyResult<usize> {
     Err(value("count", format!("{count}; expected 1 to {}", MAX_LAYERS)))
 }
 
-fn coarse_planes(planes: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
+fn coarse_planes(planes: Option<&Object<'_>>) -> PyResult<Option<usize>> {
     let planes = planes.map(|planes| whole("planes", planes)).transpose()?;
     match planes.filter(|planes| !(2..=MAX_LAYERS).contains(planes)) {
         Some(wrong) => Err(value("planes", format!("{wrong}; expected 2 to {}", MAX_LAYERS))),

@@ -3,24 +3,24 @@
 use std::path::{Path, PathBuf};
 
 use liveview::layers::Layers;
-use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, PlaneNetwork, Precision};
+use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
 use liveview_surface::guided::GuidedSearch;
 use liveview_synthesizer::LayerSpec;
-use liveview_synthesizer::{Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth, recommended_layers};
-use ndarray::Array4;
+use liveview_synthesizer::{
+    Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth, recommended_layers,
+};
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::photo::{Photo, photos};
 use super::recorded::{Recorded, put_depths, put_search, put_shot};
+use super::warp::{Photo, photos};
+use crate::arguments::{Object, kind, library, value, view_index};
 use crate::camera::camera;
-use crate::error::{kind, library, value};
-use crate::model::installed;
-use crate::names::view_index;
+use crate::engine::compute;
 use crate::scene::Scene;
-use crate::work::compute;
+use crate::synthesizer::installed;
 
 /// The ONNX Runtime of a folder, by default the installed one.
 fn runtime(py: Python<'_>, provider: ExecutionProvider, folder: Option<&Path>) -> PyResult<Option<PathBuf>> {
@@ -43,21 +43,16 @@ pub(crate) fn logits<'py>(
     openvino: Option<PathBuf>,
 ) -> PyResult<Bound<'py, PyArray4<f32>>> {
     let mut network = open(py, &model, openvino.as_deref())?;
-    let (n, _, height, width) = colour.as_array().dim();
-    let mut logits = Array4::zeros((n, network.views(), height, width));
-    // Models do not look at the coverage.
-    let coverage = Array4::ones(logits.dim());
-    network.infer(colour.as_array(), coverage.view(), logits.view_mut()).map_err(library)?;
-    Ok(logits.into_pyarray(py))
+    Ok(super::render::logits(&mut network, colour.as_array())?.into_pyarray(py))
 }
 
 /// The stages of the guided search between the depths of `range`, for `count` layers.
 #[pyfunction]
 pub(crate) fn guided_search<'py>(
     py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
     range: (f64, f64),
     count: usize,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -79,10 +74,10 @@ pub(crate) fn guided_search<'py>(
 pub(crate) fn render<'py>(
     py: Python<'py>,
     model: PathBuf,
-    views: &Bound<'py, PyAny>,
-    cameras: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    layers: &Bound<'py, PyAny>,
+    views: &Object<'py>,
+    cameras: &Object<'py>,
+    target: &Object<'py>,
+    layers: &Object<'py>,
     batch: usize,
     alpha_scale: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -168,7 +163,7 @@ impl Given {
 pub(crate) fn render_scene<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Scene>,
-    target: &Bound<'py, PyAny>,
+    target: &Object<'py>,
     options: Given,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
     let scene = scene.get().0.clone();

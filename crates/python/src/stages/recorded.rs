@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use liveview::Frame;
-use liveview::image;
 use liveview::layers::{Layer, Layers};
 use liveview::network::Alpha;
 use liveview::render::{Batch, Blended, LayerSamples};
+use liveview::{Frame, image};
 use liveview_surface::guided::SearchStages;
 use liveview_synthesizer::{Plan, Scene, Shot, ViewDepth};
 use ndarray::{Array, Array2, Array3, ArrayD, Axis, concatenate, stack};
@@ -14,7 +13,7 @@ use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::error::library;
+use crate::arguments::library;
 use crate::frame::picture_array;
 
 /// The names of the arrays of a batch of layers.

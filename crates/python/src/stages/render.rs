@@ -1,18 +1,23 @@
-//! `liveview_ref.reference.composite`, `render/blend.py` and `render/composite_competing.py`.
+//! A network without a scene; blend and composites.
 
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use liveview::layers::STRIDE;
+use liveview::network::{OrtNetwork, PlaneNetwork};
 use liveview::render::{Accumulated, Blended, Competing, DistanceWeights, LayerSamples};
+use liveview_synthesizer::Model;
 use ndarray::{Array2, Array3, Array4, ArrayView3, ArrayView4, Ix2, Ix3, Ix4, Ix5, s};
-use numpy::{IntoPyArray, PyArray3, PyArray4, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray4, PyReadonlyArray};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use crate::arguments::{Sides, as_array, distances};
-use crate::error::value;
-use crate::tuples::named;
-use crate::work::compute;
+use crate::arguments::{Maps, Object, Sides, as_array, distances, library, named, value, whole};
+use crate::engine::compute;
+use crate::synthesizer::model_options;
 
 /// Opacity and colour.
-type AlphaRgb<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
+type AlphaRgb<'py> = (Maps<'py>, Bound<'py, PyArray4<f32>>);
 
 /// Opacity [N, H, W] and colour [N, 3, H, W] of layers, of logits [N, V, H, W], colour [N, V, 3, H,
 /// W], coverage [N, V, H, W] and the views' distances [V] or [N, V], scene units.
@@ -20,10 +25,10 @@ type AlphaRgb<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray4<f32>>);
 #[pyo3(signature = (logits, colour, coverage, distances, power = 1.0))]
 pub(crate) fn blend<'py>(
     py: Python<'py>,
-    logits: &Bound<'py, PyAny>,
-    colour: &Bound<'py, PyAny>,
-    coverage: &Bound<'py, PyAny>,
-    distances: &Bound<'py, PyAny>,
+    logits: &Object<'py>,
+    colour: &Object<'py>,
+    coverage: &Object<'py>,
+    distances: &Object<'py>,
     power: f64,
 ) -> PyResult<AlphaRgb<'py>> {
     let mut sides = Sides::default();
@@ -55,7 +60,7 @@ pub(crate) fn blend<'py>(
 }
 
 /// Factors of distances `[V]` for all layers, or `[N, V]` of each.
-fn weights(sides: &mut Sides, argument: &Bound<'_, PyAny>, power: f64) -> PyResult<Vec<DistanceWeights>> {
+fn weights(sides: &mut Sides, argument: &Object<'_>, power: f64) -> PyResult<Vec<DistanceWeights>> {
     if !power.is_finite() {
         return Err(value("power", format!("{power}; expected a finite number")));
     }
@@ -67,7 +72,7 @@ fn weights(sides: &mut Sides, argument: &Bound<'_, PyAny>, power: f64) -> PyResu
     } else {
         vec![array.into_any()]
     };
-    let row = |row: &Bound<'_, PyAny>| {
+    let row = |row: &Object<'_>| {
         let found = distances("distances", row, &views.to_string())?;
         Ok(DistanceWeights::with_power(&found.to_vec(), power))
     };
@@ -80,11 +85,11 @@ fn weights(sides: &mut Sides, argument: &Bound<'_, PyAny>, power: f64) -> PyResu
 #[pyfunction]
 pub(crate) fn composite<'py>(
     py: Python<'py>,
-    alpha: &Bound<'py, PyAny>,
-    rgb: &Bound<'py, PyAny>,
-    covered: &Bound<'py, PyAny>,
-    maps: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyAny>> {
+    alpha: &Object<'py>,
+    rgb: &Object<'py>,
+    covered: &Object<'py>,
+    maps: &Object<'py>,
+) -> PyResult<Object<'py>> {
     let mut sides = Sides::default();
     let alpha: PyReadonlyArray<'_, f32, Ix3> = sides.array("alpha", alpha, "L H W")?;
     let rgb: PyReadonlyArray<'_, f32, Ix4> = sides.array("rgb", rgb, "L 3 H W")?;
@@ -115,12 +120,12 @@ pub(crate) fn composite<'py>(
 #[pyo3(signature = (logit, rgb, covered, maps, scale = 1.0))]
 pub(crate) fn composite_competing<'py>(
     py: Python<'py>,
-    logit: &Bound<'py, PyAny>,
-    rgb: &Bound<'py, PyAny>,
-    covered: &Bound<'py, PyAny>,
-    maps: &Bound<'py, PyAny>,
+    logit: &Object<'py>,
+    rgb: &Object<'py>,
+    covered: &Object<'py>,
+    maps: &Object<'py>,
     scale: f64,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Object<'py>> {
     let mut sides = Sides::default();
     let logit: PyReadonlyArray<'_, f32, Ix3> = sides.array("logit", logit, "L H W")?;
     let rgb: PyReadonlyArray<'_, f32, Ix4> = sides.array("rgb", rgb, "L 3 H W")?;
@@ -163,7 +168,7 @@ fn composited_rows<'py>(
     py: Python<'py>,
     rows: &[(Accumulated, Array2<f32>)],
     (layers, width): (usize, usize),
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Object<'py>> {
     let shape = (rows.len(), width);
     let rgb = Array3::from_shape_fn((3, shape.0, width), |(channel, y, x)| rows[y].0.rgb[channel][x] as f32);
     let map = |of: fn(&Accumulated) -> &[f64]| Array2::from_shape_fn(shape, |(y, x)| of(&rows[y].0)[x] as f32);
@@ -171,4 +176,50 @@ fn composited_rows<'py>(
         [map(|row| &row.disparity), map(|row| &row.transmittance)].map(|map| map.into_pyarray(py));
     let weights = Array3::from_shape_fn((layers, shape.0, width), |(k, y, x)| rows[y].1[[k, x]]);
     named(py, "Composited", (rgb.into_pyarray(py), disparity, transmittance, weights.into_pyarray(py)))
+}
+
+/// The network of a model file (.onnx): called with warped photos hwv [n, 3V, h, w] in [0, 1], it
+/// returns logits [n, V, h, w]; h and w are multiples of 8. `threads`: one per core by default.
+/// ONNX Runtime as for `Synthesizer`. A run is not ended by Ctrl-C.
+#[pyclass(frozen, module = "liveview")]
+pub(crate) struct Network {
+    network: Mutex<OrtNetwork>,
+    /// V, photos to a picture.
+    #[pyo3(get)]
+    views: usize,
+}
+
+#[pymethods]
+impl Network {
+    #[new]
+    #[pyo3(signature = (path, *, threads = None))]
+    fn new(py: Python<'_>, path: PathBuf, threads: Option<&Object<'_>>) -> PyResult<Self> {
+        let mut options = model_options(py, None, Some(path))?;
+        options.threads = threads.map(|threads| whole("threads", threads)).transpose()?;
+        let network = compute(py, || Model::open(&options, None).map_err(library))?.network;
+        let views = network.views();
+        Ok(Self { network: Mutex::new(network), views })
+    }
+
+    fn __call__<'py>(&self, py: Python<'py>, hwv: &Object<'py>) -> PyResult<Bound<'py, PyArray4<f32>>> {
+        let shape = format!("n {} h w", 3 * self.views);
+        let hwv: PyReadonlyArray<'py, f32, Ix4> = Sides::default().array("hwv", hwv, &shape)?;
+        let hwv = hwv.as_array();
+        let (_, _, height, width) = hwv.dim();
+        if height % STRIDE != 0 || width % STRIDE != 0 {
+            return Err(value("hwv", format!("{height} rows, {width} columns; expected multiples of {STRIDE}")));
+        }
+        let logits = compute(py, || logits(&mut self.network.lock().unwrap_or_else(PoisonError::into_inner), hwv))?;
+        Ok(logits.into_pyarray(py))
+    }
+}
+
+/// Logits [n, V, h, w] of warped colours [n, 3 V, h, w].
+pub(super) fn logits(network: &mut OrtNetwork, colour: ArrayView4<'_, f32>) -> PyResult<Array4<f32>> {
+    let (n, _, height, width) = colour.dim();
+    let mut logits = Array4::zeros((n, network.views(), height, width));
+    // Models do not look at the coverage.
+    let coverage = Array4::ones(logits.dim());
+    network.infer(colour, coverage.view(), logits.view_mut()).map_err(library)?;
+    Ok(logits)
 }

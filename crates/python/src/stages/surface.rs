@@ -1,20 +1,19 @@
-//! `liveview_ref.reference.surface`: the surface at a target, occlusion, and the photos' correction.
+//! `liveview_ref.reference.surface`: the depth of photos and what other photos confirm of it, the
+//! surface at a target, occlusion, and the photos' correction.
 
 use liveview::geometry::Size;
 use liveview::layers::padded;
-use liveview_surface::{self as library, ConfirmedDepth, SurfaceView, stages};
-use ndarray::{Array2, Ix2};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
+use liveview::warp::SourceView;
+use liveview_surface::{self, self as library, ConfirmedDepth, ConsistencyVotes, SurfaceView, stages};
+use ndarray::{Array2, ArrayView2, Ix2};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
 
-use super::depth::{check_range, depth_map, finite, map};
 use super::layers::{layer_count, maps_of};
-use super::photo::Photo;
-use crate::arguments::{Sides, distances, some, vector};
+use super::warp::{Photo, two};
+use crate::arguments::{Map, Maps, Object, Sides, distances, kind, named, some, value, vector, whole};
 use crate::camera::camera;
-use crate::error::{kind, value};
-use crate::tuples::named;
-use crate::work::compute;
+use crate::engine::compute;
 
 /// A photo with its confirmed depth: the reference's `SurfaceView`.
 pub(super) struct View {
@@ -24,7 +23,7 @@ pub(super) struct View {
 }
 
 impl View {
-    fn new(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn new(name: &str, argument: &Object<'_>) -> PyResult<Self> {
         let field = |field: &str| {
             let found = argument.getattr(field);
             found.map_err(|_| kind(name, format!("it has no {field}; expected image, camera, confirmed and gains")))
@@ -40,7 +39,7 @@ impl View {
         Ok(Self { photo, confirmed, gains: std::array::from_fn(|channel| gains[channel] as f32) })
     }
 
-    pub(super) fn all(argument: &Bound<'_, PyAny>) -> PyResult<Vec<Self>> {
+    pub(super) fn all(argument: &Object<'_>) -> PyResult<Vec<Self>> {
         some("views", argument)?.iter().map(|(name, view)| Self::new(name, view)).collect()
     }
 
@@ -51,13 +50,8 @@ impl View {
 
 /// The target's surface from the confirmed depth of photos, nearest first.
 #[pyfunction]
-pub(crate) fn surface<'py>(
-    py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    near: f64,
-    far: f64,
-) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64, far: f64) -> PyResult<Object<'py>> {
+    let py = views.py();
     let (views, target) = (View::all(views)?, camera("target", target)?);
     check_range(near, far)?;
     let found = compute(py, || {
@@ -69,11 +63,8 @@ pub(crate) fn surface<'py>(
 
 /// `Surface.layers`.
 #[pyfunction(name = "_surface_layers")]
-pub(crate) fn surface_layers<'py>(
-    py: Python<'py>,
-    disparity: &Bound<'py, PyAny>,
-    count: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray3<f32>>> {
+pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) -> PyResult<Maps<'py>> {
+    let py = disparity.py();
     let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
@@ -86,11 +77,8 @@ pub(crate) fn surface_layers<'py>(
 
 /// Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target.
 #[pyfunction]
-pub(crate) fn exposure_gains<'py>(
-    py: Python<'py>,
-    views: &Bound<'py, PyAny>,
-    distances: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) -> PyResult<Map<'py>> {
+    let py = views.py();
     let views = View::all(views)?;
     let distances = self::distances("distances", distances, &views.len().to_string())?.to_vec();
     let found = compute(py, || {
@@ -102,7 +90,7 @@ pub(crate) fn exposure_gains<'py>(
 
 /// How much to sharpen each photo, [V].
 #[pyfunction]
-pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f32>>> {
+pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Object<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let views = View::all(views)?;
     let found = compute(py, || Ok(library::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
     Ok(found.into_pyarray(py))
@@ -113,12 +101,12 @@ pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Bound<'py, PyAny>) -> PyR
 #[pyfunction]
 pub(crate) fn visible<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, PyAny>,
-    confirmed: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    disparity: &Bound<'py, PyAny>,
+    camera: &Object<'py>,
+    confirmed: &Object<'py>,
+    target: &Object<'py>,
+    disparity: &Object<'py>,
     margin: f32,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+) -> PyResult<Map<'py>> {
     let found = seen(py, [camera, confirmed, target, disparity], margin)?;
     Ok(found.mapv(|sees| if sees == 0.0 { 0.0 } else { 1.0 }).into_pyarray(py))
 }
@@ -127,18 +115,18 @@ pub(crate) fn visible<'py>(
 #[pyfunction]
 pub(crate) fn visible_or_past<'py>(
     py: Python<'py>,
-    camera: &Bound<'py, PyAny>,
-    confirmed: &Bound<'py, PyAny>,
-    target: &Bound<'py, PyAny>,
-    disparity: &Bound<'py, PyAny>,
+    camera: &Object<'py>,
+    confirmed: &Object<'py>,
+    target: &Object<'py>,
+    disparity: &Object<'py>,
     margin: f32,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+) -> PyResult<Map<'py>> {
     Ok(seen(py, [camera, confirmed, target, disparity], margin)?.into_pyarray(py))
 }
 
 fn seen<'py>(
     py: Python<'py>,
-    [of, confirmed, target, disparity]: [&Bound<'py, PyAny>; 4],
+    [of, confirmed, target, disparity]: [&Object<'py>; 4],
     margin: f32,
 ) -> PyResult<Array2<f32>> {
     let (view, target) = (camera("camera", of)?, camera("target", target)?);
@@ -157,21 +145,126 @@ fn seen<'py>(
 
 /// The map [h, w] with its holes, pixels below 0, filled from their farthest neighbours.
 #[pyfunction]
-pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Object<'py>) -> PyResult<Map<'py>> {
     let map = map2("map_", map_)?;
     Ok(compute(py, || Ok(stages::fill_holes(&map)))?.into_pyarray(py))
 }
 
 /// 3 x 3 median of a map [h, w], edges repeated.
 #[pyfunction]
-pub(crate) fn median3<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+pub(crate) fn median3<'py>(py: Python<'py>, x: &Object<'py>) -> PyResult<Map<'py>> {
     let map = map2("x", x)?;
     Ok(compute(py, || Ok(stages::median3(&map)))?.into_pyarray(py))
 }
 
 /// A map `[h, w]` of finite numbers.
-fn map2(name: &str, argument: &Bound<'_, PyAny>) -> PyResult<Array2<f32>> {
+fn map2(name: &str, argument: &Object<'_>) -> PyResult<Array2<f32>> {
     let found: PyReadonlyArray<'_, f32, Ix2> = Sides::default().array(name, argument, "h w")?;
     finite(name, found.as_array())?;
     Ok(found.as_array().to_owned())
+}
+
+/// The depth of a photo, searched from near to far (scene units) among its neighbours; photos [3,
+/// h, w] in [0, 1] with their cameras.
+#[pyfunction]
+pub(crate) fn photo_depth<'py>(
+    py: Python<'py>,
+    photo: &Object<'py>,
+    neighbours: &Object<'py>,
+    near: f64,
+    far: f64,
+) -> PyResult<Object<'py>> {
+    searched(py, photo, neighbours, (near, far), liveview_surface::photo_depth)
+}
+
+/// As photo_depth, with what the neighbours find at a small size as anchors.
+#[pyfunction]
+pub(crate) fn anchored_depth<'py>(
+    py: Python<'py>,
+    photo: &Object<'py>,
+    neighbours: &Object<'py>,
+    near: f64,
+    far: f64,
+) -> PyResult<Object<'py>> {
+    searched(py, photo, neighbours, (near, far), liveview_surface::anchored_depth)
+}
+
+/// A search of the library.
+type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> liveview_surface::PhotoDepth;
+
+fn searched<'py>(
+    py: Python<'py>,
+    photo: &Object<'py>,
+    neighbours: &Object<'py>,
+    (near, far): (f64, f64),
+    search: Search,
+) -> PyResult<Object<'py>> {
+    let (photo, neighbours) = (Photo::pair("photo", photo)?, Photo::pairs("neighbours", neighbours)?);
+    check_range(near, far)?;
+    let found = compute(py, || {
+        let others: Vec<_> = neighbours.iter().map(Photo::source).collect();
+        Ok(search(&photo.source(), &others, near, far))
+    })?;
+    named(py, "PhotoDepth", (found.disparity.into_pyarray(py), found.disparity_per_pixel))
+}
+
+/// Refuses all but 0 < near < far.
+pub(super) fn check_range(near: f64, far: f64) -> PyResult<()> {
+    liveview::layers::uniform_disparities(near, far, 2).map(|_| ()).map_err(|error| value("near, far", error))
+}
+
+/// The pixels [h, w] bool of map `which` that the other maps confirm.
+#[pyfunction]
+pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResult<Map<'py, bool>> {
+    let py = which.py();
+    let maps = some("maps", maps)?;
+    let maps = maps.iter().map(|(name, pair)| camera_and_depth(name, pair)).collect::<PyResult<Vec<_>>>()?;
+    let which = whole("which", which)?;
+    let Some((camera, depth)) = maps.get(which) else {
+        return Err(value("which", format!("{which}; expected an index of {} maps", maps.len())));
+    };
+    let found = compute(py, || {
+        let others = maps.iter().enumerate().filter(|(other, _)| *other != which);
+        let votes: Vec<_> =
+            others.map(|(_, (other, found))| ConsistencyVotes::new((camera, depth), (other, found))).collect();
+        Ok(liveview_surface::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
+    })?;
+    Ok(found.into_pyarray(py))
+}
+
+fn camera_and_depth(name: &str, pair: &Object<'_>) -> PyResult<(liveview::Camera, liveview_surface::PhotoDepth)> {
+    let (of, depth) = two(name, pair, "camera and PhotoDepth")?;
+    let camera = camera(&format!("{name}[0]"), &of)?;
+    let (disparity, disparity_per_pixel) = depth_map(&format!("{name}[1]"), &depth, &camera)?;
+    Ok((camera, liveview_surface::PhotoDepth { disparity, disparity_per_pixel }))
+}
+
+/// The fields of a `PhotoDepth` or `ConfirmedDepth` of a camera.
+pub(super) fn depth_map(name: &str, depth: &Object<'_>, camera: &liveview::Camera) -> PyResult<(Array2<f32>, f32)> {
+    let field = |field: &str| {
+        let found = depth.getattr(field);
+        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a PhotoDepth")))
+    };
+    let disparity = map(&format!("{name}.disparity"), &field("disparity")?, camera)?;
+    let pixel: f32 = field("pixel")?.extract().map_err(|_| value(&format!("{name}.pixel"), "expected a number"))?;
+    if !(pixel.is_finite() && pixel > 0.0) {
+        return Err(value(&format!("{name}.pixel"), format!("{pixel}; expected a positive number")));
+    }
+    Ok((disparity, pixel))
+}
+
+/// A map of disparities `[h, w]` of a camera's size.
+pub(super) fn map(name: &str, argument: &Object<'_>, camera: &liveview::Camera) -> PyResult<Array2<f32>> {
+    let shape = format!("{} {}", camera.height(), camera.width());
+    let found: PyReadonlyArray<'_, f32, Ix2> = Sides::default().array(name, argument, &shape)?;
+    finite(name, found.as_array())?;
+    Ok(found.as_array().to_owned())
+}
+
+/// Refuses values that are not finite.
+pub(super) fn finite(name: &str, values: ArrayView2<'_, f32>) -> PyResult<()> {
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(found) => Err(value(name, format!("a value is {found}; expected finite numbers"))),
+        None => Ok(()),
+    }
 }

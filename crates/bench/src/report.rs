@@ -1,5 +1,7 @@
 //! The measurements of `liveview sweep`: error against run time, a row per configuration.
 
+use std::fmt::Write;
+
 use liveview::geometry::Size;
 use liveview_synthesizer::Score;
 use serde_json::{Value, json};
@@ -115,6 +117,52 @@ impl SweepReport {
         !self.rows.iter().any(|other| other.size == row.size && dominates(other))
     }
 
+    /// As a Markdown table: a heading that says how the rows were measured, and a row for each configuration.
+    pub fn markdown(&self) -> String {
+        let sizes: Vec<_> = self.rows.iter().map(|row| row.size).collect();
+        let several_sizes = sizes.iter().any(|&size| size != sizes[0]);
+        let mut text = format!(
+            "{}, {}{} from {} views, {} threads, batch {}, {}; models: {}; {} interleaved repetitions, each configuration in its own process; \
+         scores against the held-out photos.\n\n",
+            self.scene,
+            self.targets.join(" and "),
+            if several_sizes { String::new() } else { format!(" at {}", sizes[0]) },
+            self.views,
+            self.threads,
+            self.batch,
+            self.cpu,
+            self.model,
+            self.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0),
+        );
+        if self.noisy() {
+            text += "**The machine was busy: the times are unreliable.**\n\n";
+        }
+        let size = if several_sizes { " size |" } else { "" };
+        let _ = writeln!(
+            text,
+            "| |{size} layers | engine | PSNR dB | SSIM | seconds (range) | MB | longest stage |\n\
+         |---|{}---|---|---|---|---|---|---|",
+            if several_sizes { "---|" } else { "" }
+        );
+        for row in self.rows.iter().filter(|row| !row.reference) {
+            let front = if self.on_front(row) { "●" } else { "" };
+            let size = if several_sizes { format!(" {} |", row.size) } else { String::new() };
+            let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
+            let _ = writeln!(
+                text,
+                "| {front} |{size} {} | {} | {psnr} | {ssim} | {}{} | {} | {} |",
+                row.layers,
+                row.engine,
+                seconds(row),
+                if row.once > 0.0 { format!(", once {:.2}", row.once) } else { String::new() },
+                megabytes(row),
+                longest_stage(row),
+            );
+        }
+        text += "\n●: on the Pareto front of time and PSNR. `once`: the time to select planes or to search the photos' depth, which further frames share.\n";
+        text + &references(self)
+    }
+
     /// As JSON.
     pub fn json(&self) -> Value {
         let row = |row: &Row| {
@@ -139,19 +187,60 @@ impl SweepReport {
     }
 }
 
-/// A quantile (`fraction` from 0 to 1) of the values, which it sorts; NaN if there are none.
-fn quantile(values: &mut [f64], fraction: f64) -> f64 {
+/// A quantile (`fraction` from 0 to 1) of the values, which it sorts, interpolated linearly between ranks as in NumPy; NaN if
+/// there are none.
+pub fn quantile(values: &mut [f64], fraction: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     quantile_of_sorted(values, fraction)
 }
 
-/// A quantile of sorted values, interpolated linearly between ranks.
 fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
     let at = fraction * sorted.len().saturating_sub(1) as f64;
     match (sorted.get(at.floor() as usize), sorted.get(at.ceil() as usize)) {
+        // Depths may be infinite, and infinity minus infinity is NaN.
+        (Some(low), Some(high)) if low == high => *low,
         (Some(low), Some(high)) => low + at.fract() * (high - low),
         _ => f64::NAN,
     }
+}
+
+/// The Python implementations: time and memory alone, since their model and composite may be others than those above.
+fn references(sweep: &SweepReport) -> String {
+    let rows: Vec<&Row> = sweep.rows.iter().filter(|row| row.reference).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut text = "\nPython implementations, with the model for any layers, composited as in the paper, without the photos' depth:\n\n\
+                    | layers | engine | seconds (range) | MB |\n|---|---|---|---|\n"
+        .to_owned();
+    for row in rows {
+        let _ = writeln!(text, "| {} | {} | {} | {} |", row.layers, row.engine, seconds(row), megabytes(row));
+    }
+    text
+}
+
+/// The median of the repetitions, and their range.
+fn seconds(row: &Row) -> String {
+    let totals = row.totals();
+    let [first, last] = [totals.first(), totals.last()].map(|total| total.unwrap_or(&f64::NAN));
+    format!("{:.3} ({first:.3}–{last:.3})", row.median())
+}
+
+fn megabytes(row: &Row) -> String {
+    row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6))
+}
+
+/// A number as a cell of the table.
+fn cell((value, digits): (Option<f64>, usize)) -> String {
+    value.map_or("-".into(), |value| format!("{value:.digits$}"))
+}
+
+/// The stage that takes the most time, and its share.
+fn longest_stage(row: &Row) -> String {
+    let stages = row.stages();
+    let total: f64 = stages.iter().map(|(_, time)| time).sum();
+    let longest = stages.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+    longest.map_or("-".into(), |(stage, time)| format!("{stage} {:.0}%", 100.0 * time / total))
 }
 
 #[cfg(test)]
@@ -206,5 +295,29 @@ pub(crate) mod tests {
         let mut sweep = sweep();
         sweep.rows = vec![row("guided:4", 4, &[1.0, 1.5, 2.0], 20.0)];
         assert!(sweep.noisy());
+    }
+}
+
+#[cfg(test)]
+mod markdown_tests {
+    #[test]
+    fn all_rows_have_all_columns() {
+        let mut sweep = super::tests::sweep();
+        let text = sweep.markdown();
+        let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
+        assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");
+        let columns = |line: &&str| line.matches('|').count();
+        assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
+        assert!(
+            text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 1.000 (1.000–1.100) | 300 | network 75% |"),
+            "{text}"
+        );
+        sweep.rows[0].reference = true;
+        let text = sweep.markdown();
+        let apart = text.split("Python implementations").nth(1).unwrap();
+        assert!(
+            apart.contains("| planes:64 | test | 11.000 (10.000–12.000) | 300 |") && !apart.contains("guided"),
+            "{text}"
+        );
     }
 }

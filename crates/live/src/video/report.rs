@@ -1,19 +1,25 @@
-//! Totals of a video in constant memory: numbers of frames, their times and scores (PSNR, SSIM and flicker) against those of the
-//! held-out camera. The figures of each frame go to the log.
+//! The report of `liveview video`. Totals are kept in constant memory: numbers of frames, their times and scores (PSNR, SSIM and
+//! flicker) against those of the held-out camera. The figures of each frame go to the log.
 
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::session::{LayerSource, LiveFrame, LiveTimes};
 use anyhow::{Context, Result};
 use liveview::ImageRgb;
 use liveview_files::atomic::AtomicFile;
-use liveview_synthesizer::Score;
+use liveview_synthesizer::{LayerSpec, Score};
 use serde_json::{Value, json};
 
-use crate::memory::resident_memory;
+use super::Viewpoint;
+use super::gather::Faults;
+use super::player::Written;
+use crate::governor::Level;
+use crate::resident_memory;
+use crate::rig::Rig;
+use crate::session::{LayerSource, LiveFrame, LiveTimes, Policy};
 
 /// The time of each stage, in the order of [`Tally::stages`].
 fn stage_times(times: &LiveTimes) -> [Duration; 5] {
@@ -89,9 +95,8 @@ impl Tally {
         self.logits_not_finite += frame.frame.logits_not_finite;
         self.covered = self.covered || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
-        if let LayerSource::Propagated { refreshed } = frame.layer_source {
-            self.refreshed += refreshed;
-        }
+        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
+        self.refreshed += refreshed;
         let spent = stage_times(&frame.times);
         self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
         if let Some(Scores { score, flicker }) = scores {
@@ -101,15 +106,8 @@ impl Tally {
                 }
             }
         }
-        let times: serde_json::Map<String, Value> = self
-            .stages
-            .iter()
-            .zip(spent)
-            .map(|(stage, spent)| ((*stage).to_owned(), json!(spent.as_secs_f64())))
-            .collect();
-        let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
         self.line(json!({
-            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": times,
+            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
             "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
         }))
     }
@@ -147,29 +145,23 @@ impl Tally {
         self.spent.map(|spent| spent.as_secs_f64() / self.rendered.max(1) as f64)
     }
 
+    /// Seconds of each stage by its name, as JSON.
+    fn by_stage(&self, seconds: [f64; 5]) -> Value {
+        self.stages.iter().zip(seconds).map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds))).collect()
+    }
+
     /// Numbers of frames by the source of their layers, as text.
     pub(super) fn layer_sources(&self) -> String {
         let counts = self.layer_sources.iter().map(|(source, frames)| format!("{source} {frames}"));
         let counts = counts.collect::<Vec<_>>().join(", ");
         let share = self.refreshed / self.rendered.max(1) as f64;
-        let refreshed = if share > 0.0 {
-            format!("; {:.1} % of a frame refreshed on average", 100.0 * share)
-        } else {
-            String::new()
-        };
-        counts + &refreshed
+        if share > 0.0 { counts + &format!("; {:.1} % of a frame refreshed on average", 100.0 * share) } else { counts }
     }
 
     pub(super) fn json(&self) -> Value {
-        let seconds: serde_json::Map<String, Value> = self
-            .stages
-            .iter()
-            .zip(self.seconds())
-            .map(|(stage, seconds)| ((*stage).to_owned(), json!(seconds)))
-            .collect();
         json!({
             "rendered": self.rendered, "repeated": self.repeated, "dropped": self.dropped, "layers_from": self.layer_sources,
-            "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": seconds,
+            "refreshed_share": self.refreshed / self.rendered.max(1) as f64, "seconds_per_frame": self.by_stage(self.seconds()),
             "mean": { "psnr": self.mean(0), "ssim": self.mean(1), "flicker": self.mean(2) },
         })
     }
@@ -221,6 +213,105 @@ fn flicker(pictures: [&ImageRgb; 2], truths: [&ImageRgb; 2]) -> f64 {
         }
     }
     sum / count
+}
+
+const BORDER: usize = Score::BORDER;
+
+/// The results of a video.
+pub(super) struct VideoResults {
+    pub(super) tally: Tally,
+    pub(super) written: Written,
+    pub(super) faults: Faults,
+    /// Each step from which on another level was used, with the level.
+    pub(super) changes: Vec<(usize, Level)>,
+    pub(super) wall: Duration,
+    pub(super) stopped: bool,
+    /// Whether an interrupt ended it before the last frame.
+    pub(super) interrupted: bool,
+}
+
+/// The report without the network.
+pub(super) fn summary(
+    rig: &Rig,
+    viewpoint: &Viewpoint,
+    results: &VideoResults,
+    file: Option<&Path>,
+    (layers, policy): (&LayerSpec, Policy),
+) -> (String, Value) {
+    let VideoResults { tally, written, faults, changes, wall, stopped, .. } = results;
+    let scene = rig.views.scene();
+    let mut text = String::new();
+    let mut line = |label: &str, content: String| {
+        let _ = writeln!(text, "{label:8} {content}");
+    };
+    let held_out = viewpoint.truth.map(|view| format!(", {} held out", scene.views[view].name)).unwrap_or_default();
+    line("rig", format!("{}: {} cameras{held_out}, {}", scene.root.display(), rig.feeds.len(), scene.format));
+    line("layers", format!("{layers}, {policy}"));
+    let end = if *stopped { "; stopped early" } else { "" };
+    line(
+        "frames",
+        format!(
+            "{} in, {} rendered, {} repeated, of these {} dropped as too late{end}",
+            tally.rendered + tally.repeated,
+            tally.rendered,
+            tally.repeated,
+            tally.dropped
+        ),
+    );
+    line("search", tally.layer_sources());
+    if let Some((psnr, ssim, flicker)) = tally.scores() {
+        let flicker = flicker.map(|flicker| format!(", flicker {:.3} of 255", 255.0 * flicker)).unwrap_or_default();
+        line("score", format!("PSNR {psnr:.2} dB, SSIM {ssim:.4}{flicker} ({BORDER}-pixel border excluded)"));
+    }
+    let seconds = tally.seconds();
+    let total: f64 = seconds.iter().sum();
+    let shares = tally.stages.iter().zip(seconds);
+    let shares: Vec<String> =
+        shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
+    let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
+    line(
+        "times",
+        format!("{:.1} ms per frame: {}; writing, in parallel: {writing:.1}", 1e3 * total, shares.join(", ")),
+    );
+    line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
+    let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
+    if let (Some(median), Some(most)) = percentiles {
+        line("latency", format!("median {median} ms, 99 % {most} ms"));
+    }
+    for (step, level) in changes {
+        line("level", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
+    }
+    if tally.logits_not_finite > 0 {
+        line("network", format!("{} of its logits over all frames are NaN or infinite", tally.logits_not_finite));
+    }
+    let mut cameras = Vec::new();
+    for (feed, (count, first)) in rig.feeds.iter().zip(&faults.cameras) {
+        if let Some(first) = first {
+            let missing = match count {
+                0 => String::new(),
+                1 => "1 frame not delivered: ".to_owned(),
+                count => format!("{count} frames not delivered; the first: "),
+            };
+            line("camera", format!("{}: {missing}{first}", feed.name));
+            cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
+        }
+    }
+    if let Some(file) = file {
+        line("wrote", file.display().to_string());
+    }
+    let change = |(step, level): &(usize, Level)| json!({ "from_frame": step, "layers": level.layers.to_string(), "scale": level.scale });
+    let mut json = tally.json();
+    let more = json!({
+        "rig": scene.root.display().to_string(), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
+        "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
+        "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "excluded_border": BORDER,
+        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes.iter().map(change).collect::<Vec<_>>(),
+        "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(|file| file.display().to_string()), "notes": scene.notes,
+    });
+    if let (Value::Object(json), Value::Object(more)) = (&mut json, more) {
+        json.extend(more);
+    }
+    (text, json)
 }
 
 #[cfg(test)]
