@@ -56,6 +56,10 @@ pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], nea
 /// As [`anchored_depth`], of the first of the `views`. `searched`: of each of them, itself and the
 /// photos that it is searched among for its map of step 1, indices in the scene; `small` returns any of
 /// these ([`small_photo`]).
+///
+/// # Errors
+///
+/// Those of `small`.
 pub fn anchored_depth_in_scene<E: Send>(
     views: &[SourceView<'_>],
     range: (f64, f64),

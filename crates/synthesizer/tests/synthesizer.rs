@@ -38,8 +38,7 @@ impl PlaneNetwork for Agreement {
 }
 
 fn workshop() -> Scene {
-    let mut options = SceneOptions::default();
-    options.width = Some(96);
+    let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
     Scene::open(Path::new(WORKSHOP), &options).unwrap()
 }
 
@@ -112,8 +111,7 @@ fn depth_of_photos_does_not_depend_on_held_out_photos() {
     for part in ["images", "sparse/0"] {
         copy(&Path::new(WORKSHOP).join(part), &folder.path().join(part));
     }
-    let mut options = SceneOptions::default();
-    options.width = Some(96);
+    let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
     let picture = |scene: Scene| {
         let views = SceneViews::new(scene, None, None);
         let mut synthesizer =
