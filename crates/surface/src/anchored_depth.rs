@@ -48,14 +48,18 @@ pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], nea
     let all = 0..views.len();
     let each_first = |photo| std::iter::once(photo).chain(all.clone().filter(move |&other| other != photo)).collect();
     let searched: Vec<_> = all.clone().map(each_first).collect();
-    let small = |index: usize, detail| Ok::<_, Infallible>(small_photo(&views[index], detail));
+    let small = |index: usize, detail| Ok::<_, Infallible>(SmallPhoto::new(&views[index], detail));
     let Ok(found) = anchored_depth_in_scene(&views, (near, far), &SmallMaps::default(), &searched, small);
     found
 }
 
 /// As [`anchored_depth`], of the first of the `views`. `searched`: of each of them, itself and the
 /// photos that it is searched among for its map of step 1, indices in the scene; `small` returns any of
-/// these ([`small_photo`]).
+/// these ([`SmallPhoto::new`]).
+///
+/// # Errors
+///
+/// Those of `small`.
 pub fn anchored_depth_in_scene<E: Send>(
     views: &[SourceView<'_>],
     range: (f64, f64),
@@ -75,15 +79,6 @@ pub fn anchored_depth_in_scene<E: Send>(
     let (width, height) = (photo.texture.width(), photo.texture.height());
     let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / detail, x / detail)]);
     Ok(PhotoDepth { disparity, ..found })
-}
-
-/// A photo for the maps of step 1, where details of the searched photo have so many pixels a side.
-pub fn small_photo(view: &SourceView<'_>, detail: usize) -> SmallPhoto {
-    if detail == 1 {
-        return SmallPhoto::new(view);
-    }
-    let (camera, texture) = shrunk(view, detail);
-    SmallPhoto::new(&SourceView { camera: &camera, texture: &texture })
 }
 
 fn shrunk(view: &SourceView<'_>, factor: usize) -> (Camera, Texture) {
@@ -174,7 +169,12 @@ pub struct SmallPhoto {
 }
 
 impl SmallPhoto {
-    pub(crate) fn new(view: &SourceView<'_>) -> Self {
+    /// Of a photo, where details of the searched photo have so many pixels a side.
+    pub fn new(view: &SourceView<'_>, detail: usize) -> Self {
+        if detail > 1 {
+            let (camera, texture) = shrunk(view, detail);
+            return Self::new(&SourceView { camera: &camera, texture: &texture }, 1);
+        }
         let [by_cells, by_larger_cells] = [SMALL_CELL, LARGER_CELL].map(|cell| view.texture.shrunk(cell));
         Self { camera: view.camera.clone(), by_cells, by_larger_cells }
     }

@@ -51,6 +51,10 @@ pub struct DepthCache {
 impl DepthCache {
     /// Opens the folder, which is created if it is missing, and checks that files can be written
     /// there.
+    ///
+    /// # Errors
+    ///
+    /// Those of creating them.
     pub fn open(folder: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         AtomicFile::create(&folder.join("depth.npz"))?;
@@ -61,8 +65,11 @@ impl DepthCache {
         self.folder.join(format!("{key}.npz"))
     }
 
-    /// The depth of this key, if there is a file of it. The error is one line, which names the
-    /// file.
+    /// The depth of this key, if there is a file of it.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the file, in one line, which names it.
     pub fn load(&self, key: &DepthKey) -> Result<Option<PhotoDepth>, String> {
         let path = self.path(key);
         let bytes = match bounded::read_regular(&path, max_bytes(key)) {
@@ -73,7 +80,11 @@ impl DepthCache {
         read(&bytes, key).map(Some).map_err(|damage| format!("{}: {damage}", path.display()))
     }
 
-    /// Stores a depth. The error is one line, which names the file.
+    /// Stores a depth.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be written, in one line, which names the file.
     pub fn store(&self, key: &DepthKey, depth: &PhotoDepth) -> Result<(), String> {
         let path = self.path(key);
         let unwritten = |why: &dyn std::fmt::Display| format!("{}: cannot be written: {why}", path.display());

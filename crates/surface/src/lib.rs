@@ -44,7 +44,7 @@ mod target_surface;
 #[cfg(test)]
 mod tests;
 
-pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth, anchored_depth_in_scene, small_photo};
+pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth, anchored_depth_in_scene};
 pub use carried_surface::{Region, dirty_regions};
 pub use consistency::{ConfirmedDepth, ConsistencyVotes, confirmed};
 pub use correction::{exposure_gains, sharpening};

@@ -99,7 +99,7 @@ pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
 /// The depth `[h/4, w/4]` of the first of these photos at the small size, searched among the others (at
 /// least one) from near to far (scene units).
 pub fn small_map(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
-    let photos: Vec<SmallPhoto> = views.iter().map(SmallPhoto::new).collect();
+    let photos: Vec<SmallPhoto> = views.iter().map(|view| SmallPhoto::new(view, 1)).collect();
     anchored_depth::small_map(&photos.iter().collect::<Vec<_>>(), range)
 }
 

@@ -43,8 +43,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let folder = PathBuf::from(args.next().unwrap_or_else(|| "out/own_network".to_owned()));
     std::fs::create_dir_all(&folder)?;
-    let mut options = SceneOptions::default();
-    options.width = args.next().map(|width| width.parse()).transpose()?;
+    let options =
+        SceneOptions { width: args.next().map(|width| width.parse()).transpose()?, ..SceneOptions::default() };
 
     // The depth range is that of the scene; one layer at a time goes through the network.
     let photos = SceneViews::new(Scene::open(Path::new("tests/scenes/workshop"), &options)?, None, None);

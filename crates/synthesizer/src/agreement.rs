@@ -135,6 +135,10 @@ fn seen_and_agreeing(batch: &Batch<'_>) -> (usize, usize) {
 
 /// Renders a shot on the layers of its plan, and the share of the pixels on which its photos agree: `None` with a network, and for
 /// layers that are not along the surface. `observe` sees each batch of layers.
+///
+/// # Errors
+///
+/// Those of [`Synthesizer::render_plan`].
 pub fn render(
     synthesizer: &mut Synthesizer,
     shot: &LoadedShot,
@@ -167,6 +171,10 @@ pub fn warning(share: f64) -> Option<String> {
 
 /// A held-out view along the surface of its `views` nearest photos: that surface, and the share of the pixels on which the
 /// photos agree.
+///
+/// # Errors
+///
+/// Those of [`Synthesizer::render`].
 pub fn of_view(
     scene_views: &SceneViews,
     target: usize,
@@ -178,6 +186,10 @@ pub fn of_view(
 }
 
 /// That surface alone, which is not rendered.
+///
+/// # Errors
+///
+/// Those of [`Synthesizer::plan`].
 pub fn surface_of_view(
     scene_views: &SceneViews,
     target: usize,

@@ -11,7 +11,7 @@ use crate::{DepthSource, SynthesisError};
 use liveview::warp::{SourceView, Texture};
 use liveview_scene::Scene;
 use liveview_surface::cache::{DepthCache, DepthKey, PhotoDigest};
-use liveview_surface::{Comparison, PhotoDepth, SmallMaps, Votes, anchored_depth_in_scene, small_photo};
+use liveview_surface::{Comparison, PhotoDepth, SmallMaps, SmallPhoto, Votes, anchored_depth_in_scene};
 
 /// A search for the depth of a view's photo, to be run on any thread
 /// ([`crate::ScenePhotos::depth_search`]).
@@ -91,7 +91,7 @@ impl DepthSearch {
             [photo] => (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone),
             _ => {
                 let small = |view, detail| -> Result<_, SynthesisError> {
-                    Ok(small_photo(&self.photo(view).read(&self.scene)?.source(), detail))
+                    Ok(SmallPhoto::new(&self.photo(view).read(&self.scene)?.source(), detail))
                 };
                 let (maps, searched) = (&self.small_maps, &self.searched);
                 (anchored_depth_in_scene(&sources, self.range, maps, searched, small)?, DepthSource::Searched)

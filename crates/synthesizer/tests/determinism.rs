@@ -29,8 +29,7 @@ struct Rig {
 impl Rig {
     fn open(width: usize) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/scenes/workshop");
-        let mut options = SceneOptions::default();
-        options.width = Some(width);
+        let options = SceneOptions { width: Some(width), ..SceneOptions::default() };
         let scene = Scene::open(&root, &options).unwrap();
         let held_out = scene.view_index("target_0").unwrap();
         let target = scene.views[held_out].camera.clone();

@@ -47,8 +47,7 @@ fn wheel_or_named() -> PathBuf {
 
 /// A photo of an example scene, at the width of the pictures.
 fn photo(scene: &str, name: &str) -> ImageRgb {
-    let mut options = SceneOptions::default();
-    options.width = Some(WIDTH);
+    let options = SceneOptions { width: Some(WIDTH), ..SceneOptions::default() };
     let scene = Scene::open(&Path::new(ROOT).join("tests/scenes").join(scene), &options).unwrap();
     scene.load_image(scene.view_index(name).unwrap()).unwrap()
 }

@@ -38,8 +38,7 @@ impl PlaneNetwork for Agreement {
 }
 
 fn workshop() -> Scene {
-    let mut options = SceneOptions::default();
-    options.width = Some(96);
+    let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
     Scene::open(Path::new(WORKSHOP), &options).unwrap()
 }
 
@@ -66,7 +65,7 @@ fn every_kind_of_layers_renders_the_held_out_view() {
     ] {
         let mut synthesizer = synthesizer(layers);
         let frame = synthesizer.render(&Target::held_out("target_0")).unwrap();
-        let own = psnr(&frame.raw(), &truth, 8);
+        let own = psnr(frame.raw(), &truth, 8);
         println!("{layers}: {own:.1} dB, the most similar photo {nearest:.1} dB");
         assert!(own > nearest + 6.0, "{layers}: {own:.1} dB, the most similar photo {nearest:.1} dB");
 
@@ -95,7 +94,7 @@ fn held_out_view_is_not_rendered_from_but_other_views_may_be_targets() {
     let camera = scene.views[view].camera.clone();
     assert_eq!(shots(Targets::cameras(vec![camera.clone()])).remove(0).views[0], view, "the nearest view is itself");
     let frame = synthesizer.render(&Target::camera(camera)).unwrap();
-    assert!(psnr(&frame.raw(), &scene.load_image(view).unwrap(), 8) > 40.0);
+    assert!(psnr(frame.raw(), &scene.load_image(view).unwrap(), 8) > 40.0);
 }
 
 /// The depth of photos must not depend on held-out photos: replacing a held-out photo does not
@@ -112,8 +111,7 @@ fn depth_of_photos_does_not_depend_on_held_out_photos() {
     for part in ["images", "sparse/0"] {
         copy(&Path::new(WORKSHOP).join(part), &folder.path().join(part));
     }
-    let mut options = SceneOptions::default();
-    options.width = Some(96);
+    let options = SceneOptions { width: Some(96), ..SceneOptions::default() };
     let picture = |scene: Scene| {
         let views = SceneViews::new(scene, None, None);
         let mut synthesizer =
@@ -183,8 +181,7 @@ fn cached_depth_gives_the_same_pictures() {
     std::fs::write(&taken, "").unwrap();
     let refused = ScenePhotos::new(SceneViews::new(workshop(), None, None)).keep_depths_in(&taken).unwrap_err();
     assert!(matches!(refused, SynthesisError::Cache { .. }) && refused.to_string().contains("file: "), "{refused}");
-    let mut options = Options::default();
-    options.cache = Some(taken);
+    let options = Options { cache: Some(taken), ..Options::default() };
     let refused = Synthesizer::open(WORKSHOP, &options).unwrap_err();
     assert!(matches!(refused, SynthesisError::Cache { .. }), "{refused}");
 }

@@ -40,8 +40,7 @@ fn nerfstudio_and_gsplat_folders_open_at_each_photo_size() {
         TWO_PHOTOS.names.iter().for_each(|name| picture(&root.path().join(folder).join(name), width, height));
     }
     for (images, width, fx) in [(None, 64, 50.0), (Some("images_2"), 32, 25.0), (Some("images_4"), 16, 12.5)] {
-        let mut options = SceneOptions::default();
-        options.images = images.map(str::to_owned);
+        let options = SceneOptions { images: images.map(str::to_owned), ..SceneOptions::default() };
         let scene = Scene::open(root.path(), &options).unwrap();
         let camera = &scene.views[0].camera;
         assert_eq!((camera.width(), camera.intrinsics().fx, scene.views.len()), (width, fx, 2));
@@ -60,8 +59,7 @@ fn nerfstudio_and_gsplat_folders_open_at_each_photo_size() {
 fn width_option_scales_photos_and_intrinsics_down() {
     let root = tempdir().unwrap();
     transforms(root.path(), "", "");
-    let mut options = SceneOptions::default();
-    options.width = Some(20);
+    let options = SceneOptions { width: Some(20), ..SceneOptions::default() };
     let scene = Scene::open(root.path(), &options).unwrap();
     let camera = &scene.views[0].camera;
     assert_eq!((camera.width(), camera.height()), (20, 15));
@@ -70,8 +68,7 @@ fn width_option_scales_photos_and_intrinsics_down() {
     assert_eq!((image.width(), image.height()), (20, 15));
     // Red increases linearly from left to right: column i of 20 has x / 64 at its centre.
     assert!((image.pixel(10, 7)[0] - 10.5 / 20.0).abs() < 0.02, "{:?}", image.pixel(10, 7));
-    let mut wide = SceneOptions::default();
-    wide.width = Some(1000);
+    let wide = SceneOptions { width: Some(1000), ..SceneOptions::default() };
     assert_eq!(Scene::open(root.path(), &wide).unwrap().views[0].camera.width(), 64);
 }
 

@@ -38,8 +38,7 @@ fn rows_match_downscaled_photos_in_byte_order_with_scaled_intrinsics() {
     assert_eq!(scene.views[1].camera.centre().x, 7.0);
     let k = scene.views[0].camera.intrinsics();
     assert_eq!((k.fx, k.fy, k.cx, k.cy), (20.0, 20.0, 8.0, 6.0));
-    let mut options = SceneOptions::default();
-    options.images = Some("images".to_owned());
+    let options = SceneOptions { images: Some("images".to_owned()), ..SceneOptions::default() };
     assert_eq!(Scene::open(root.path(), &options).unwrap().views[0].camera.width(), 64);
 }
 

@@ -114,8 +114,7 @@ fn llff_photos_come_from_the_sources_folder_or_from_all_its_photos() {
         &open(root.path(), Some("elsewhere")).unwrap_err().to_string(),
         &["no photo folder; expected one of: images_8"],
     );
-    let mut options = SceneOptions::default();
-    options.images = Some("images".to_owned());
+    let options = SceneOptions { images: Some("images".to_owned()), ..SceneOptions::default() };
     let error = Scene::open_with(root.path(), Arc::new(Grey { folder: None }), &options).unwrap_err().to_string();
     assert_says(&error, &["no photo folder; expected one of: images"]);
     poses_bounds(&root.path().join("poses_bounds.npy"), &[LLFF_ROW; 2]);
@@ -146,8 +145,7 @@ fn format_that_the_source_does_not_support_is_not_read() {
 fn photos_in_memory_are_those_of_a_folder() {
     let root = tempdir().unwrap();
     transforms(root.path(), "", "");
-    let mut options = SceneOptions::default();
-    options.width = Some(20);
+    let options = SceneOptions { width: Some(20), ..SceneOptions::default() };
     let folder = Scene::open(root.path(), &options).unwrap();
     let photo = ImageRgb::from(&image::open(root.path().join("images/a.png")).unwrap().to_rgb8());
     let camera = folder.views[0].native_camera().clone();

@@ -199,8 +199,7 @@ fn images_option_takes_reduced_photos_of_transforms_json() {
     write(&root.path().join("transforms.json"), FRAMES);
     photos(root.path(), IMAGES);
     photos(root.path(), "images_4/?.png");
-    let mut options = SceneOptions::default();
-    options.images = Some("images_4".to_owned());
+    let options = SceneOptions { images: Some("images_4".to_owned()), ..SceneOptions::default() };
     let scene = Scene::open(root.path(), &options).unwrap();
     assert_eq!((scene.views.len(), scene.views[0].camera.width()), (3, 16));
     write(&root.path().join("transforms.json"), FRAMES.replace("images/", "photos/"));

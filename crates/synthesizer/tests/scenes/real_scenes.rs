@@ -35,8 +35,7 @@ const SCENES: &[(&str, Format, usize, bool)] = &[
 fn all_scenes_open_and_load() {
     let data = data();
     for &(name, format, count, has_range) in SCENES {
-        let mut options = SceneOptions::default();
-        options.width = Some(160);
+        let options = SceneOptions { width: Some(160), ..SceneOptions::default() };
         let scene = Scene::open(&data.join(name), &options).unwrap();
         println!("{name}: {} views, {:?}", scene.views.len(), scene.notes);
         assert_eq!((scene.format, scene.views.len()), (format, count), "{name}");
@@ -92,8 +91,7 @@ fn colmap_reprojection_error_is_below_a_pixel() {
 fn neighbouring_views_match_along_epipolar_lines() {
     let data = data();
     for &(name, ..) in SCENES {
-        let mut options = SceneOptions::default();
-        options.width = Some(320);
+        let options = SceneOptions { width: Some(320), ..SceneOptions::default() };
         let scene = Scene::open(&data.join(name), &options).unwrap();
         let target = scene.views.len() / 2;
         let distance = |&i: &usize| (scene.views[i].camera.centre() - scene.views[target].camera.centre()).length();
