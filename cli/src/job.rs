@@ -8,7 +8,7 @@ use liveview::render::{Batch, Frame, Renderer, StageTimes};
 use liveview_live::rig::Rig;
 use liveview_live::video::RigSettings;
 use liveview_synthesizer::agreement;
-use liveview_synthesizer::{LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
+use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews, Synthesizer};
 use ndarray::Axis;
 
 use crate::args::{LayerArgs, LayerChoice, ModelArgs, ModelInfo};
@@ -83,8 +83,13 @@ impl Job {
 }
 
 /// Opens the models for a rig, also those for fewer views.
-pub(crate) fn open_rig(rig: Rig, model: &ModelArgs, layers: &LayerArgs) -> Result<(RigSettings, ModelInfo)> {
-    let (given, keep_exposure) = (layers.given(), layers.keep_exposure);
+pub(crate) fn open_rig(
+    rig: Rig,
+    model: &ModelArgs,
+    layers: &LayerChoice,
+    keep_exposure: bool,
+) -> Result<(RigSettings, ModelInfo)> {
+    let given = layers.given();
     let (renderer, layers, info) = model.with_alpha(layers.alpha()).open_for(given.as_ref())?;
     let mut renderers = model.open_smaller(renderer.network().views(), given.as_ref())?;
     renderers.push(renderer);

@@ -14,7 +14,7 @@ use std::time::Instant;
 use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
 use liveview_synthesizer::agreement;
-use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, TargetSurface};
+use liveview_synthesizer::{LayerSpec, Plan, Score, Shot};
 
 use crate::args::numbers::FrameRange;
 use crate::args::{ADVANCED, LayerArgs, ModelArgs, SceneArgs, TargetArgs, named, numbers};
