@@ -107,7 +107,7 @@ fn searched(stage: Stage, target: &Camera) -> LiveFrame {
 }
 
 fn score(frame: &LiveFrame, stage: Stage, target: &Camera) -> f64 {
-    psnr(&frame.frame.raw(), &stage.photo(target), 16)
+    psnr(frame.frame.raw(), &stage.photo(target), 16)
 }
 
 #[test]

@@ -365,7 +365,6 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use Viewpoint;
 
     fn view_request(id: u64) -> ViewRequest {
         ViewRequest { id, viewpoint: Viewpoint::sample(0), moving: true, depth: false }

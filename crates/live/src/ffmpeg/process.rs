@@ -199,8 +199,6 @@ pub(crate) fn command(missing: &str) -> Result<Command> {
     Ok(command)
 }
 
-#[cfg(unix)]
-
 /// A video that is being read. ffmpeg writes each frame as a portable pixmap (PPM), whose header holds the size.
 #[derive(Debug)]
 pub(crate) struct Decoder {
@@ -293,6 +291,7 @@ impl Decoder {
     }
 }
 
+#[cfg(unix)]
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -33,7 +33,7 @@ pub enum Policy {
     /// show.
     Every(usize),
     /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and
-    /// 16 of them from then on ([`liveview::network::Alpha::select_planes`]).
+    /// 16 of them from then on ([`liveview_synthesizer::select_planes`]).
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched
     /// again where it fits the photos less well than before. Surface layers: the depth of a
