@@ -6,7 +6,7 @@ from pathlib import Path
 MODELS = Path(__file__).resolve().parents[2] / "models"
 CPU = "cpu, f32"
 NO_NETWORK = "no network"
-SURFACE, PAPER, FAST = "surface:3", "select:16/64", "guided:1"  # the layers of each --quality
+SURFACE, PLANES, FAST = "surface:3", "select:16/64", "guided:1"  # the layers of each --quality
 ALL_ENGINES = "surface:1", "surface:2", "surface:3", "guided:1", "guided:2"
 CPU_ONLY = "guided:4", "guided:8", "select:16/64", "planes:16", "planes:64"
 
@@ -35,7 +35,7 @@ def ways(report: dict) -> str:
     """README: the named ways to render, with quality and time."""
     ways = (
         ("a good picture", "*surface* (default)", SURFACE, NO_NETWORK),
-        ("the paper's planes", "*paper*: `--quality paper`", PAPER, CPU),
+        ("planes that compete", "`--quality planes`", PLANES, CPU),
         ("a single picture soonest", "*fast*: `--quality fast`", FAST, CPU),
     )
     lines = ["| I want | use | PSNR dB, SSIM | it costs, in seconds |", "|---|---|---|---|"]
@@ -44,7 +44,7 @@ def ways(report: dict) -> str:
         seconds = row["seconds"]
         cost = f"{seconds['median']:.2f} a picture"
         if seconds["once"]:
-            what = "the selection" if layers == PAPER else "the photos' depth"
+            what = "the selection" if layers == PLANES else "the photos' depth"
             cost += f"; {seconds['once']:.1f} once for {what}"
         lines.append(f"| {want} | {use} | {row['psnr']:.1f}, {row['ssim']:.2f} | {cost} |")
     return "\n".join(lines)
