@@ -7,18 +7,11 @@ from collections.abc import Callable
 from typing import TextIO
 
 
-def private_stdout() -> TextIO:
-    """The stream for replies. Everything else written to stdout, also by libraries, goes to stderr
-    from now on."""
-    replies = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-    return replies
-
-
 def run(serve: Callable[[TextIO, TextIO], None]) -> int:
     """Let `serve(requests, replies)` answer the requests on stdin. A failure is answered by
-    {"error": ...} and gives the exit code 2, else 0."""
-    replies = private_stdout()
+    {"error": ...} and gives the exit code 2, else 0. Other output goes to stderr."""
+    replies = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
     try:
         serve(sys.stdin, replies)
     except Exception as error:

@@ -20,46 +20,40 @@ EXPECTED = "planes:64, guided:2, guided:2/32, surface:2, select:16/64 or list:0.
 
 
 @dataclass(frozen=True)
-class Planes:
-    """`count` planes, evenly spaced in disparity from near to far."""
-
+class _Counted:
     count: int
 
     def __str__(self) -> str:
-        return f"planes:{self.count}"
+        return f"{type(self).__name__.lower()}:{self.count}"
+
+
+class Planes(_Counted):
+    """`count` planes, evenly spaced in disparity from near to far."""
+
+
+class Surface(_Counted):
+    """`count` layers along the surface, from the depth of the photos."""
 
 
 @dataclass(frozen=True)
-class Guided:
-    """`count` layers that follow the scene; `coarse_planes` in the first search, None:
-    by the parallax."""
+class Guided(_Counted):
+    """`count` layers that follow the scene; `coarse_planes` in the first search, None: by
+    the parallax."""
 
-    count: int
     coarse_planes: int | None = None
 
     def __str__(self) -> str:
-        return f"guided:{self.count}{_after_slash(self.coarse_planes)}"
+        return super().__str__() + ("" if self.coarse_planes is None else f"/{self.coarse_planes}")
 
 
 @dataclass(frozen=True)
-class Surface:
-    """`count` layers along the surface, from the depth of the photos."""
-
-    count: int
-
-    def __str__(self) -> str:
-        return f"surface:{self.count}"
-
-
-@dataclass(frozen=True)
-class Select:
+class Select(_Counted):
     """The `count` fullest of `planes` planes."""
 
-    count: int
     planes: int
 
     def __str__(self) -> str:
-        return f"select:{self.count}/{self.planes}"
+        return f"{super().__str__()}/{self.planes}"
 
 
 @dataclass(frozen=True)
@@ -126,7 +120,3 @@ def _disparities(text: str) -> tuple[float, ...]:
     if not all(math.isfinite(d) and d >= 0 for d in found) or not all(a > b for a, b in pairwise(found)):
         raise ValueError("disparities must be finite, not negative and descending")
     return found
-
-
-def _after_slash(planes: int | None) -> str:
-    return "" if planes is None else f"/{planes}"

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from liveview_ref.data.opengl import flip_axes
+from liveview_ref.data.scene import flip_axes
 
 from .raycaster import Texture, cast, picture, rays
 

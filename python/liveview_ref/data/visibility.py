@@ -1,12 +1,12 @@
 """True visibility of the target's surface in the views, from the disparity maps of
-target and views."""
+target and views; and how much of a blend's weight is on views that see it."""
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from ..reference.layers import normalised_grid, source_coordinates
-from ..reference.liveview import Camera, PlaneSweep
+from ..reference.liveview import Camera, PlaneSweep, distance_bias
 
 HIDDEN, SEEN, UNKNOWN = 0, 1, 2
 SAME, OTHER = 1.0, 2.0  # pixels of parallax within which it is the same surface, and beyond which a different one
@@ -47,3 +47,20 @@ def partly_hidden(seen: Tensor) -> Tensor:
     """Pixels of `visibility` [V, H, W] where some view is occluded and another sees the surface,
     [H, W] bool."""
     return (seen == HIDDEN).any(0) & (seen == SEEN).any(0)
+
+
+def view_weights(logits: Tensor, coverage: Tensor, distances: Tensor, power: float = 1.0) -> Tensor:
+    """The weights by which the blend mixes the views that cover a pixel, [L, V, H, W], summing to
+    1; weights are not reduced by partial coverage. Meaningless where no view covers the pixel.
+    Arguments as in `blend`."""
+    scores = torch.cat([torch.zeros_like(logits[:, :1]), logits[:, 1:]], 1)
+    scores = scores + distance_bias(distances, power)[0].float()[:, None, None]
+    return torch.softmax(scores.masked_fill(coverage <= 0, -1e4), 1)
+
+
+def weight_on_seen(weights: Tensor, seen: Tensor) -> Tensor:
+    """View weights [V, H, W] -> the share [H, W] of seen views in the weight of seen
+    and hidden views."""
+    right = (weights * (seen == SEEN)).sum(0)
+    wrong = (weights * (seen == HIDDEN)).sum(0)
+    return right / (right + wrong).clamp(min=1e-12)

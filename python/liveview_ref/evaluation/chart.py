@@ -1,6 +1,8 @@
-"""Small line charts as SVG: panels side by side, one legend."""
+"""Small line charts as SVG: panels side by side, one legend. The paper's figure:
+PSNR and SSIM against the number of layers, from the evaluation's scores."""
 
 import math
+import re
 from typing import NamedTuple
 
 COLOURS = (
@@ -79,3 +81,29 @@ def chart(panels: list[Panel]) -> str:
         'font-family="sans-serif" font-size="12" fill="#222">'
     )
     return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *out, "</svg>"]) + "\n"
+
+
+CURVES = {  # title: pattern of the methods' names
+    "surface layers": r"surface:(\d+)",
+    "guided layers": r"guided:(\d+)",
+    "uniform planes": r"planes:(\d+)",
+    "selected of 64 planes": r"select:(\d+)/\d+",
+}
+
+
+def curves(mean: dict, metric: str) -> dict[str, Points]:
+    """Points (layers, score) of each curve, fewest layers first. Selecting all planes gives the
+    uniform ones."""
+    found = {}
+    for title, pattern in CURVES.items():
+        points = [(m, row[metric]) for name, row in mean.items() if (m := re.fullmatch(pattern, name))]
+        found[title] = sorted((int(m[1]), score) for m, score in points)
+    if found["selected of 64 planes"]:
+        found["selected of 64 planes"].append(found["uniform planes"][-1])
+    return {title: points for title, points in found.items() if points}
+
+
+def figure(mean: dict) -> str:
+    """SVG of the scores {method: {metric: score}}."""
+    panels = {"psnr": "PSNR, dB", "ssim": "SSIM"}
+    return chart([Panel(up, "layers", curves(mean, metric), True) for metric, up in panels.items()])

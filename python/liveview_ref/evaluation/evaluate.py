@@ -31,7 +31,7 @@ from ..paths import ROOT
 from ..reference.liveview import Network
 from ..reference.metrics import psnr, ssim
 from . import baselines, methods
-from .figure import figure
+from .chart import figure
 from .lpips import load_lpips, lpips
 from .program import missing, surface
 from .sheet import Row, contact_sheet, row_of

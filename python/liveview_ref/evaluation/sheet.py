@@ -14,7 +14,6 @@ WIDTH = 320  # of a picture on the sheet
 LINE = 14  # height of the text above a picture, pixels
 ERROR_GAIN = 4
 
-
 Row = dict[str, Tensor]  # title -> picture [3, H, W]
 
 

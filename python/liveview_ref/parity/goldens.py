@@ -2,8 +2,7 @@
 compares the runtime with (tests/goldens.rs), so that Rust alone suffices to check it.
 
 Photos are 8-bit, as in files; other inputs are float32 numbers of few digits; expected values are
-rounded to float32, except for disparities of planes (float64). Usage: python -m
-liveview_ref.parity.goldens [FOLDER]
+rounded to float32, except for disparities of planes (float64). `make goldens` runs it.
 """
 
 import json

@@ -14,8 +14,7 @@ import torch
 from torch import Tensor
 
 from ..data.shards import Photos, Shards
-from ..data.visibility import SEEN, UNKNOWN, partly_hidden
-from ..evaluation.view_weights import view_weights, weight_on_seen
+from ..data.visibility import SEEN, UNKNOWN, partly_hidden, view_weights, weight_on_seen
 from ..reference.competing import composite_competing, cover_planes
 from ..reference.liveview import (
     Composited,

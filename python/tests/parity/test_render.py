@@ -11,7 +11,7 @@ import torch
 from toy_rigs import surface_rig
 
 from liveview_ref.checkpoint import load_network
-from liveview_ref.data.written_scene import write_scene
+from liveview_ref.data.scene import write_scene
 from liveview_ref.parity.compared import TOLERANCES, Compared
 from liveview_ref.reference.surface import aggregate, correction, fusion, photo_depth, photo_sweep
 from liveview_ref.rig_arrays import cameras_of, images_of

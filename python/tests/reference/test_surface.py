@@ -8,7 +8,7 @@ import torch
 from PIL import Image
 from toy_rigs import SQUARE, WALL, surface_rig
 
-from liveview_ref.data.written_scene import write_scene
+from liveview_ref.data.scene import write_scene
 from liveview_ref.paths import BINARY
 from liveview_ref.reference.liveview import Camera
 from liveview_ref.reference.surface import anchored_depth as anchored_module

@@ -10,9 +10,8 @@ import torch
 from liveview_ref.checkpoint import load_network, load_state
 from liveview_ref.config import read_config
 from liveview_ref.data.procedural.textures import Textures
-from liveview_ref.data.scene import open_scene
+from liveview_ref.data.scene import open_scene, write_scene
 from liveview_ref.data.surface_frames import SurfaceFrame, frame_of, held_out_rig, procedural_rig
-from liveview_ref.data.written_scene import write_scene
 from liveview_ref.export import check, export
 from liveview_ref.reference.view_agreement import AgreementUNet, agreement_logits
 from liveview_ref.training.fine_tune import start_of

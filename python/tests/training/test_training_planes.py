@@ -17,8 +17,7 @@ from liveview_ref.checkpoint import load_network, load_state, model_card
 from liveview_ref.data.procedural.scene import random_scene
 from liveview_ref.data.procedural.textures import Textures
 from liveview_ref.data.shards import Photos, eight_bit
-from liveview_ref.data.visibility import HIDDEN, SEEN, visibility
-from liveview_ref.evaluation.view_weights import view_weights
+from liveview_ref.data.visibility import HIDDEN, SEEN, view_weights, visibility
 from liveview_ref.reference.layers import warp_views
 from liveview_ref.reference.liveview import UNet, blend, uniform_disparities
 from liveview_ref.training import train

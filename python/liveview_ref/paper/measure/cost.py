@@ -19,7 +19,7 @@ from statistics import median
 
 import torch
 
-from liveview_ref.data.written_scene import write_scene
+from liveview_ref.data.scene import write_scene
 from liveview_ref.evaluation.evaluate import machine, versions
 from liveview_ref.paths import BINARY, MODELS
 

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from liveview_ref.checkpoint import load_state, trained_network
 from liveview_ref.data.held_out import INNER
-from liveview_ref.evaluation.view_weights import view_weights
+from liveview_ref.data.visibility import view_weights
 from liveview_ref.paths import MODELS
 from liveview_ref.reference.liveview import UNet, blend
 from liveview_ref.reference.metrics import psnr

@@ -13,9 +13,9 @@ has the number of parameters that the paper gives.
 import math
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .local_light_field import upsampled
 from .method import Predictor
 from .mpi import Mpi
 
@@ -26,11 +26,6 @@ def block(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.S
     """3 x 3, layer normalisation over channels and pixels, ReLU."""
     convolution = nn.Conv2d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False)
     return nn.Sequential(convolution, nn.GroupNorm(1, outputs), nn.ReLU(inplace=True))
-
-
-def upsampled(x: Tensor, skip: Tensor) -> Tensor:
-    """Both at twice the size, nearest."""
-    return F.interpolate(torch.cat([x, skip], 1), scale_factor=2.0)
 
 
 class StereoMagnification(Predictor):
