@@ -35,7 +35,7 @@ pub(crate) fn anchored_depth<'py>(
     near: f64,
     far: f64,
 ) -> PyResult<Bound<'py, PyAny>> {
-    searched(py, photo, neighbours, (near, far), liveview_surface::anchored_depth)
+    searched(py, photo, neighbours, (near, far), liveview_surface::stages::anchored_depth)
 }
 
 /// A search of the library.
@@ -79,7 +79,7 @@ pub(crate) fn confirmed<'py>(
         let others = maps.iter().enumerate().filter(|(other, _)| *other != which);
         let votes: Vec<_> =
             others.map(|(_, (other, found))| ConsistencyVotes::new((camera, depth), (other, found))).collect();
-        Ok(liveview_surface::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
+        Ok(liveview_surface::stages::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
     })?;
     Ok(found.into_pyarray(py))
 }

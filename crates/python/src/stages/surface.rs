@@ -2,7 +2,8 @@
 
 use liveview::geometry::Size;
 use liveview::layers::padded;
-use liveview_surface::{self as library, ConfirmedDepth, SurfaceView, stages};
+use liveview_surface::stages::{self, SurfaceView};
+use liveview_surface::{ConfirmedDepth, Surface};
 use ndarray::{Array2, Ix2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -62,7 +63,7 @@ pub(crate) fn surface<'py>(
     check_range(near, far)?;
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(library::surface(&views, &target, (near, far), true))
+        Ok(stages::surface(&views, &target, (near, far), true))
     })?;
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, found.holes))
 }
@@ -77,7 +78,7 @@ pub(crate) fn surface_layers<'py>(
     let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
-        let surface = library::Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
+        let surface = Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
         let layers = surface.layers(count).map_err(|error| value("count", error))?;
         Ok(maps_of(&layers, size))
     })?;
@@ -95,7 +96,7 @@ pub(crate) fn exposure_gains<'py>(
     let distances = self::distances("distances", distances, &views.len().to_string())?.to_vec();
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(library::exposure_gains(&views, &distances))
+        Ok(stages::exposure_gains(&views, &distances))
     })?;
     Ok(ndarray::arr2(&found).into_pyarray(py))
 }
@@ -104,7 +105,7 @@ pub(crate) fn exposure_gains<'py>(
 #[pyfunction]
 pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let views = View::all(views)?;
-    let found = compute(py, || Ok(library::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
+    let found = compute(py, || Ok(stages::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
     Ok(found.into_pyarray(py))
 }
 
