@@ -1,4 +1,4 @@
-//! The stages of [`photo_depth`](crate::photo_depth()) and [`surface`](crate::surface()) one by
+//! The stages of [`photo_depth`](crate::photo_depth()) and [`surface()`] one by
 //! one, on plain arrays: for the parity tests, which compare them with the reference.
 //!
 //! Maps are `[h, w]`, disparities 1/scene unit, indices those of a grid of disparities from 1/near

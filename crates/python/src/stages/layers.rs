@@ -1,7 +1,7 @@
 //! `liveview_ref.reference.layers`: planes, their selection, and the guided search.
 
 use liveview::geometry::Size;
-use liveview::layers::{self, Layers};
+use liveview::layers::{self, Layers, padded};
 use liveview::render::{Accumulated, Blended};
 use liveview_surface::guided::{GuidedSearch, RangeMap};
 use liveview_synthesizer::MAX_LAYERS;
