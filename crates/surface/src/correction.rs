@@ -38,8 +38,8 @@ use std::hash::Hash;
 
 use rayon::prelude::*;
 
-use crate::SurfaceView;
 use crate::consistency::project;
+use crate::fusion::SurfaceView;
 use liveview::geometry::PlaneSweep;
 use liveview::warp::Texture;
 

@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::consistency::confirmed_by;
+use crate::consistency::{confirmed, confirmed_by};
 use crate::correction::PairStatistics;
 use crate::nearer_edges::nearer_edges;
-use crate::{ConfirmedDepth, ConsistencyVotes, PhotoDepth, confirmed};
+use crate::{ConfirmedDepth, ConsistencyVotes, PhotoDepth};
 use liveview::geometry::{Camera, facing_alike};
 use liveview::warp::SourceView;
 

@@ -155,7 +155,7 @@ pub struct SurfaceView<'a> {
     pub view: SourceView<'a>,
     /// The photo's depth where other photos confirm it.
     pub confirmed: &'a ConfirmedDepth,
-    /// Factor of each colour channel ([`crate::exposure_gains`]).
+    /// Factor of each colour channel ([`crate::stages::exposure_gains`]).
     pub gains: [f32; 3],
 }
 

@@ -44,13 +44,12 @@ mod target_surface;
 #[cfg(test)]
 mod tests;
 
-pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth, anchored_depth_in_scene};
+pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth_in_scene};
 pub use carried_surface::{Region, dirty_regions};
-pub use consistency::{ConfirmedDepth, ConsistencyVotes, confirmed};
-pub use correction::{exposure_gains, sharpening};
+pub use consistency::{ConfirmedDepth, ConsistencyVotes};
 pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
 pub use depth_range::depth_range;
-pub use fusion::{Surface, SurfaceView, surface};
+pub use fusion::Surface;
 pub use photo_depth::{PhotoDepth, photo_depth};
 pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};
 

@@ -1,4 +1,4 @@
-//! The stages of [`photo_depth`](crate::photo_depth()) and [`surface`](crate::surface()) one by
+//! The stages of [`photo_depth`](crate::photo_depth()) and [`surface()`] one by
 //! one, on plain arrays: for the parity tests, which compare them with the reference.
 //!
 //! Maps are `[h, w]`, disparities 1/scene unit, indices those of a grid of disparities from 1/near
@@ -13,12 +13,16 @@ use crate::grid::{Candidates, Grid, Planes};
 use crate::photo_depth::Anchors;
 use crate::photo_sweep::costs;
 use crate::target_search::{self, SeenSurface, TargetSearch};
-use crate::{ConfirmedDepth, PhotoDepth, SmallPhoto, SurfaceView, consistency, grid, neighbourhood, photo_depth};
+use crate::{ConfirmedDepth, PhotoDepth, SmallPhoto, consistency, grid, neighbourhood, photo_depth};
 use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::layers::padded;
 use liveview::warp::{SourceView, Texture, WarpSource};
 
+pub use crate::anchored_depth::anchored_depth;
+pub use crate::consistency::confirmed;
+pub use crate::correction::{exposure_gains, sharpening};
 pub use crate::depth_range::range_of;
+pub use crate::fusion::{SurfaceView, surface};
 pub use crate::nearer_edges::nearer_edges;
 
 /// An even grid of disparities on cells of pixels, and the part of it that each cell is searched

@@ -25,11 +25,12 @@
 use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
+use crate::ConfirmedDepth;
 use crate::consistency::visible;
+use crate::fusion::SurfaceView;
 use crate::matching::{Penalties, semi_global, window_variance, winner_takes_all};
 use crate::neighbourhood::median3;
 use crate::parallax::widest_parallax;
-use crate::{ConfirmedDepth, SurfaceView};
 use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::layers::{enlarge, uniform_disparities};
 use liveview::warp::{NO_GAINS, RUN, RunCoverage, SamplePositions, Texture, WarpSource, sample, warp_layers};

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use crate::correction::{balanced, gains_to_first, sharpening_with};
-use crate::fusion::OCCLUSION_MARGIN_PX;
-use crate::{ConfirmedDepth, DepthMaps, Surface, SurfaceView, surface};
+use crate::fusion::{OCCLUSION_MARGIN_PX, SurfaceView, surface};
+use crate::{ConfirmedDepth, DepthMaps, Surface};
 use liveview::geometry::{Camera, distance};
 use liveview::render::{ViewCorrection, Visibility};
 use liveview::warp::{NO_GAINS, SourceView};
@@ -23,9 +23,9 @@ const SEEN_MARGIN_PX: f64 = 2.0;
 /// default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PhotoCorrection {
-    /// Exposure and white balance ([`crate::exposure_gains`]).
+    /// Exposure and white balance ([`crate::stages::exposure_gains`]).
     pub exposure: bool,
-    /// Sharpness ([`crate::sharpening`]).
+    /// Sharpness ([`crate::stages::sharpening`]).
     pub sharpness: bool,
 }
 
@@ -57,7 +57,7 @@ pub struct TargetSurface {
 impl TargetSurface {
     /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
     /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
-    /// Unless `searches_holes`, holes are only filled ([`crate::surface()`]).
+    /// Unless `searches_holes`, holes are only filled ([`crate::stages::surface()`]).
     pub fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],

@@ -11,6 +11,7 @@ use crate::consistency::visible;
 use crate::grid::{Candidates, Grid, Planes, SEGMENT};
 use crate::nearer_edges::nearer_edges;
 use crate::photo_sweep::{COST_SCALE, costs};
+use crate::stages::{SurfaceView, anchored_depth, confirmed, exposure_gains, sharpening, surface};
 use crate::target_search::{MAX_VARIANCE, SeenSurface, photo_variance};
 use crate::*;
 use liveview::geometry::{Camera, Intrinsics, PlaneSweep};

@@ -12,7 +12,7 @@ from toy_rigs import rig_of
 
 from liveview_ref.data import scene
 from liveview_ref.data.held_out import Case
-from liveview_ref.evaluation import baselines, evaluate, figure, methods
+from liveview_ref.evaluation import baselines, chart, evaluate, methods
 from liveview_ref.evaluation.lpips import load_lpips, lpips, weights_file
 from liveview_ref.layer_spec import DisparityList, Guided, Planes, Select
 from liveview_ref.reference.competing import composite_competing, cover_planes
@@ -128,10 +128,10 @@ def test_text_and_binary_colmap_are_read_alike(tmp_path):
 def test_figure_has_three_curves():
     names = ["guided:2", "guided:4", "planes:8", "planes:64", "select:8/64", "sweep, planes:64"]
     mean = {name: {"psnr": 20.0 + i, "ssim": 0.5 + i / 100} for i, name in enumerate(names)}
-    assert figure.curves(mean, "psnr")["selected of 64 planes"] == [(8, 24.0), (64, 23.0)]
-    drawing = ElementTree.fromstring(figure.figure(mean))
+    assert chart.curves(mean, "psnr")["selected of 64 planes"] == [(8, 24.0), (64, 23.0)]
+    drawing = ElementTree.fromstring(chart.figure(mean))
     assert len([x for x in drawing if x.tag.endswith("polyline")]) == 6
-    ElementTree.fromstring(figure.figure({}))
+    ElementTree.fromstring(chart.figure({}))
 
 
 def test_evaluation_writes_its_files_and_reports_skipped_scenes(tmp_path, monkeypatch):

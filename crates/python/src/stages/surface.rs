@@ -4,7 +4,8 @@
 use liveview::geometry::Size;
 use liveview::layers::padded;
 use liveview::warp::SourceView;
-use liveview_surface::{self, self as library, ConfirmedDepth, ConsistencyVotes, SurfaceView, stages};
+use liveview_surface::stages::{self, SurfaceView};
+use liveview_surface::{ConfirmedDepth, ConsistencyVotes, Surface};
 use ndarray::{Array2, ArrayView2, Ix2};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -56,7 +57,7 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
     check_range(near, far)?;
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(library::surface(&views, &target, (near, far), true))
+        Ok(stages::surface(&views, &target, (near, far), true))
     })?;
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, found.holes))
 }
@@ -68,7 +69,7 @@ pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) 
     let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
-        let surface = library::Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
+        let surface = Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
         let layers = surface.layers(count).map_err(|error| value("count", error))?;
         Ok(maps_of(&layers, size))
     })?;
@@ -83,7 +84,7 @@ pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) 
     let distances = self::distances("distances", distances, &views.len().to_string())?.to_vec();
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(library::exposure_gains(&views, &distances))
+        Ok(stages::exposure_gains(&views, &distances))
     })?;
     Ok(ndarray::arr2(&found).into_pyarray(py))
 }
@@ -92,7 +93,7 @@ pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) 
 #[pyfunction]
 pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Object<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let views = View::all(views)?;
-    let found = compute(py, || Ok(library::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
+    let found = compute(py, || Ok(stages::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
     Ok(found.into_pyarray(py))
 }
 
@@ -186,7 +187,7 @@ pub(crate) fn anchored_depth<'py>(
     near: f64,
     far: f64,
 ) -> PyResult<Object<'py>> {
-    searched(py, photo, neighbours, (near, far), liveview_surface::anchored_depth)
+    searched(py, photo, neighbours, (near, far), stages::anchored_depth)
 }
 
 /// A search of the library.
@@ -227,7 +228,7 @@ pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResul
         let others = maps.iter().enumerate().filter(|(other, _)| *other != which);
         let votes: Vec<_> =
             others.map(|(_, (other, found))| ConsistencyVotes::new((camera, depth), (other, found))).collect();
-        Ok(liveview_surface::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
+        Ok(stages::confirmed(&votes.iter().collect::<Vec<_>>(), depth.disparity.dim()))
     })?;
     Ok(found.into_pyarray(py))
 }
