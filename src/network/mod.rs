@@ -93,8 +93,8 @@ fn check_file(path: &Path) -> Result<(), String> {
         Ok(about) if about.is_file() => Ok(()),
         Ok(about) if about.is_dir() => Err("a folder; expected a file".to_owned()),
         Ok(_) => Err("a pipe or a device; expected a regular file".to_owned()),
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.to_string()),
         Err(_) if path.is_symlink() => Err("a link to no file".to_owned()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err("there is no such file".to_owned()),
-        Err(error) => Err(error.to_string()),
+        Err(_) => Err("there is no such file".to_owned()),
     }
 }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use liveview::geometry::Size;
 use liveview::{ImageRgb, Layers};
+use liveview_scene::save_picture;
 use liveview_synthesizer::{LayerSpec, Plan, Shot, Synthesizer};
 use ndarray::{Array3, Ix3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
@@ -95,7 +96,11 @@ impl Frame {
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let picture = Sides::default().array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?;
         let picture = picture.as_array().to_owned();
-        compute(py, || ImageRgb::from_array(picture.view()).map_err(library)?.save(path).map_err(library))
+        compute(py, || {
+            ImageRgb::from_array(picture.view())
+                .map_err(library)
+                .and_then(|picture| save_picture(&picture, &path).map_err(library))
+        })
     }
 
     fn __repr__(&self) -> String {

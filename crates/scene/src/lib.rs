@@ -37,7 +37,7 @@ use view::{DeclaredView, DeclaredViews};
 pub use error::SceneError;
 #[cfg(fuzzing)]
 pub use formats::fuzz;
-pub use photos::{Found, ListedPhoto, Photo, PhotoFolder, PhotoList, PhotoSource, load_photo};
+pub use photos::{Found, ListedPhoto, Photo, PhotoFolder, PhotoList, PhotoSource, load_photo, save_picture};
 pub use view::View;
 
 use liveview::geometry::Camera;

@@ -23,8 +23,8 @@ use zune_jpeg::JpegDecoder;
 use crate::scene_file::{abbreviated, below_root, safe_name};
 use crate::{DeclaredView, DeclaredViews, Format, SceneError};
 use liveview::geometry::Size;
-use liveview::image::{Header, ImageError, ImageRgb, decode, read_header, read_size};
-use liveview_files::{bounded, has_extension, memory};
+use liveview::image::{Header, ImageError, ImageRgb, decode, encode, read_header, read_size};
+use liveview_files::{atomic, bounded, has_extension, memory};
 
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -233,6 +233,16 @@ pub fn load_photo(path: &Path) -> Result<ImageRgb, SceneError> {
     // If the decoder panics on other damage, the error names the file; none of its state outlives the call.
     let decoded = catch_unwind(|| decode_jpeg(&bytes, size)).unwrap_or_else(|_| Err("the decoder failed".to_owned()));
     Ok(decoded.map_err(|reason| ImageError::Decode { path: path.to_owned(), reason })?)
+}
+
+/// Writes a complete picture or no file, as JPEG if the name ends in .jpg or .jpeg, else as PNG.
+///
+/// # Errors
+///
+/// Those of [`ImageRgb::save`].
+pub fn save_picture(picture: &ImageRgb, path: &Path) -> Result<(), ImageError> {
+    let failed = |source| ImageError::Write { path: path.to_owned(), source };
+    atomic::write(path, &encode(path, picture)?).map_err(failed)
 }
 
 fn decode_jpeg(bytes: &[u8], size: Size) -> Result<ImageRgb, String> {

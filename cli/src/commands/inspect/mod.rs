@@ -11,6 +11,7 @@ use liveview::ImageRgb;
 use liveview::geometry::middle_camera;
 use liveview::layers::uniform_disparities;
 use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork};
+use liveview_scene::save_picture;
 use liveview_synthesizer::colormap::bar_chart;
 use liveview_synthesizer::{LayerSpec, Shot, SynthesisError, Targets, recommended_layers, select_planes};
 use serde_json::{Value, json};
@@ -177,7 +178,7 @@ fn planes(args: &InspectArgs) -> Result<Output> {
     let job = Job::with_layers(views, &args.model, Some(layers))?;
     let (mut output, picture) = histogram(job, target, keep, from)?;
     if let Some(file) = &args.output {
-        picture.save(file)?;
+        save_picture(&picture, file)?;
         let _ = writeln!(output.text, "wrote    {}", file.display());
         output.json["file"] = json!(path_text(file));
     }

@@ -11,6 +11,7 @@ use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb};
 use liveview_bench::quantile;
+use liveview_scene::save_picture;
 use liveview_surface::guided::RangeMap;
 use liveview_surface::parallax::parallax;
 use liveview_synthesizer::colormap::{coloured, side_by_side};
@@ -52,7 +53,7 @@ pub(super) fn explain(file: &Path, job: &Job, about: &Explained<'_>) -> Result<O
     corrections(&about.plan.corrections, &mut text, &mut json);
     uncovered(about.frame, &mut text, &mut json);
     time_shares(about.times, &mut text, &mut json);
-    picture.save(file)?;
+    save_picture(&picture, file)?;
     Ok(Output { text, json })
 }
 

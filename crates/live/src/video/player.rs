@@ -12,6 +12,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use liveview::geometry::Size;
 use liveview::render::Frame;
 use liveview::{Camera, ImageRgb};
+use liveview_scene::save_picture;
 
 use super::Viewpoint;
 use super::gather::{Clock, Faults, Gathering, Step};
@@ -224,7 +225,7 @@ impl Sink {
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
             Self::Folder { path, frames } => {
-                picture.save(frame_file(path, *frames))?;
+                save_picture(picture, &frame_file(path, *frames))?;
                 *frames += 1;
             }
             Self::Video(video) => video.add(picture)?,
