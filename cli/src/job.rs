@@ -36,8 +36,8 @@ impl Job {
         layers.cache.iter().try_for_each(|folder| output_plan.cache("--cache", folder))?;
         let mut photos = ScenePhotos::new(views);
         layers.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
-        let given = layers.given();
-        let mut job = Self::of(photos, model.with_alpha(layers.alpha()).open_for(given.as_ref())?);
+        let given = layers.choice.given();
+        let mut job = Self::of(photos, model.with_alpha(layers.choice.alpha()).open_for(given.as_ref())?);
         job.synthesizer.photo_correction = layers.photo_correction();
         if let (Some(folder), false) = (&layers.cache, job.synthesizer.uses_depth()) {
             let (folder, layers) = (folder.display(), job.synthesizer.layers());

@@ -73,11 +73,6 @@ impl Renderer {
         self.alpha
     }
 
-    /// Sets how the layers of a pixel share it.
-    pub fn set_alpha(&mut self, alpha: Alpha) {
-        self.alpha = alpha;
-    }
-
     /// Sets whether layers that no view covers at any pixel of the target are skipped (the
     /// default). The frame is the same to the bit, since their α is 0; an observer is not shown the
     /// layers that are skipped.

@@ -104,14 +104,4 @@ impl LayerArgs {
         let given = [("--keep-sharpness", self.keep_sharpness), ("--cache", self.cache.is_some())];
         given.into_iter().filter_map(|(option, given)| given.then_some(option)).collect()
     }
-
-    /// The layers of `--layers` or `--quality`, if given.
-    pub(crate) fn given(&self) -> Option<LayerSpec> {
-        self.choice.given()
-    }
-
-    /// How layers share a pixel, if `--quality` says so.
-    pub(crate) fn alpha(&self) -> Option<AlphaKind> {
-        self.choice.alpha()
-    }
 }

@@ -17,43 +17,31 @@ mod _liveview {
     use pyo3::pymodule;
 
     #[pymodule_export]
-    use crate::arguments::Error;
-    #[pymodule_export]
-    use crate::camera::Camera;
-    #[pymodule_export]
-    use crate::frame::{Frame, Frames};
-    #[pymodule_export]
-    use crate::scene::Scene;
-    #[pymodule_export]
-    use crate::stages::layers::{
-        cover_planes, guided_layers, guided_search, plane_histogram, select_planes, uniform_disparities,
+    use crate::{
+        arguments::Error,
+        camera::Camera,
+        frame::{Frame, Frames},
+        scene::Scene,
+        stages::layers::{
+            cover_planes, guided_layers, guided_search, plane_histogram, select_planes, uniform_disparities,
+        },
+        stages::render::{Network, blend, composite, composite_competing},
+        stages::surface::{anchored_depth, confirmed, exposure_gains, fill_holes, median3, photo_depth, sharpening},
+        stages::surface::{surface, surface_layers, visible, visible_or_past},
+        stages::warp::{agreement_logits, choose_views, psnr, sharpened, ssim, view_distances, warp_maps},
+        synthesizer::{LiveSession, Synthesizer},
     };
-    #[pymodule_export]
-    use crate::stages::render::{Network, blend, composite, composite_competing};
-    #[pymodule_export]
-    use crate::stages::surface::{
-        anchored_depth, confirmed, exposure_gains, fill_holes, median3, photo_depth, sharpening, surface,
-        surface_layers, visible, visible_or_past,
-    };
-    #[pymodule_export]
-    use crate::stages::warp::{agreement_logits, choose_views, psnr, sharpened, ssim, view_distances, warp_maps};
-    #[pymodule_export]
-    use crate::synthesizer::LiveSession;
-    #[pymodule_export]
-    use crate::synthesizer::Synthesizer;
 
     /// Stages inside the others, for the parity tests. Arrays are contiguous and fit together: they
     /// are not checked.
     #[pymodule]
     mod _stages {
         #[pymodule_export]
-        use crate::stages::inner::{
-            aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, hide,
-            nearer_edges, neighbours, photo_variance, pixel_of, small_map, splat, target_search, tile_ranges,
+        use crate::stages::{
+            inner::{aggregate, anchored_costs, anchors, bands, costs, depth_range, disparity, group_confirmed, hide},
+            inner::{nearer_edges, neighbours, photo_variance, pixel_of, small_map, splat, target_search, tile_ranges},
+            picture::{guided_search, logits, render, render_scene},
+            warp::source_from_target,
         };
-        #[pymodule_export]
-        use crate::stages::picture::{guided_search, logits, render, render_scene};
-        #[pymodule_export]
-        use crate::stages::warp::source_from_target;
     }
 }
