@@ -7,7 +7,7 @@ use liveview::network::AlphaKind;
 use liveview_synthesizer::ViewAgreement;
 use liveview_synthesizer::{LayerSpec, PhotoCorrection};
 
-use super::help::ADVANCED;
+use super::ADVANCED;
 
 /// Options that choose the layers.
 #[derive(Debug, Args)]

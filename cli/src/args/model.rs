@@ -11,7 +11,7 @@ use liveview::network::{AlphaKind, ExecutionProvider, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
 use liveview_synthesizer::{LayerSpec, Model, ModelOptions, ViewAgreement, check_threads, recommended_layers};
 
-use super::help::ADVANCED;
+use super::ADVANCED;
 use super::model_info::{ModelInfo, OpenedModel};
 use super::numbers;
 use crate::console::print_message;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow, bail};
 use liveview_files::atomic;
-pub(crate) use liveview_live::ffmpeg::has_extension;
+pub(crate) use liveview_files::has_extension;
 use liveview_synthesizer::Shot;
 
 /// An output path: one file, or a folder of files.

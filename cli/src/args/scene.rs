@@ -9,7 +9,7 @@ use liveview::Camera;
 use liveview_scene::cameras::{CameraFile, CameraPath, read_cameras};
 use liveview_synthesizer::{Scene, SceneOptions, SceneViews, SynthesisError, Targets};
 
-use super::help::ADVANCED;
+use super::ADVANCED;
 use super::numbers;
 use super::output::has_extension;
 use crate::console::print_notes;

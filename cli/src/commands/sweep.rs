@@ -9,7 +9,7 @@ use liveview_live::peak_memory;
 use liveview_synthesizer::LayerSpec;
 use serde_json::Value;
 
-use crate::args::{ModelArgs, ProviderChoice, SceneArgs, named, numbers, refuse_stdout, write_atomically};
+use crate::args::{MORE_HELP, ModelArgs, ProviderChoice, SceneArgs, named, numbers, refuse_stdout, write_atomically};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::job::Job;
 use crate::outputs::OutputPlan;
@@ -18,8 +18,7 @@ const EXAMPLES: &str = "\
 Examples:
   liveview sweep scene --target IMG_7.jpg -o report/
   liveview sweep scene --target IMG_7.jpg --layers guided:2,guided:4,planes:64 --repetitions 9 -o report/
-  Time against size:
-    liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
+  liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
 /// Kinds and numbers of layers.
 const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,guided:6,guided:8,guided:12,select:8,select:16,\
@@ -30,7 +29,7 @@ const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
-#[command(after_help = "--help also lists the advanced options.", after_long_help = EXAMPLES)]
+#[command(after_help = MORE_HELP, after_long_help = EXAMPLES)]
 pub(crate) struct SweepArgs {
     /// Views to render, by name, all held out: scores are their means, times those of the first
     #[arg(long, value_name = "NAME,…", required = true)]

@@ -16,20 +16,11 @@ use liveview_synthesizer::{LayerSpec, SceneViews};
 use serde_json::Value;
 
 use crate::args::numbers::frame_rate;
-use crate::args::{ADVANCED, LayerChoice, ModelArgs, SceneArgs, cameras_of};
+use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of};
 use crate::console::{Output, print_message, print_note, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;
 use crate::outputs::{OutputPlan, note_other_pictures};
-
-const SHORT_EXAMPLES: &str = "\
-Examples:
-  A held-out camera, rendered from the others, each frame scored:
-    liveview video rig --camera cam05 -o view.mp4
-  A camera path around the rig, played while it is rendered:
-    liveview video rig --path circle:120 -o - | ffplay -
-
---help also lists the advanced options.";
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or
@@ -65,7 +56,7 @@ struct ViewpointArgs {
 
 /// Options of `liveview video`.
 #[derive(Debug, Args)]
-#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
+#[command(after_help = MORE_HELP, after_long_help = EXAMPLES)]
 pub(crate) struct VideoArgs {
     #[command(flatten)]
     viewpoint: ViewpointArgs,

@@ -4,6 +4,8 @@
 //! interpreter runs on while a picture is made, Ctrl-C ends it, and ONNX Runtime is that of the
 //! installed package `onnxruntime`. `python/liveview/_liveview.pyi` documents every name.
 
+#![allow(clippy::too_many_arguments, reason = "Python names arguments")]
+
 mod arguments;
 mod camera;
 mod engine;

@@ -62,7 +62,6 @@ impl Synthesizer {
     #[new]
     #[pyo3(signature = (scene, *, views = None, layers = None, network = None, near = None, far = None, cache = None,
                         progress = None))]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         scene: Py<Scene>,
@@ -197,7 +196,6 @@ struct Steps {
 impl LiveSession {
     #[new]
     #[pyo3(signature = (cameras, near, far, *, views = None, layers = None, network = None, policy = None))]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         cameras: &Object<'_>,

@@ -42,12 +42,8 @@ const EXAMPLES: &str = "\
 Examples:
   liveview inspect scene
   liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
-  liveview inspect scene --near 1.5 --far 40 --json
-  liveview inspect scene --target IMG_7.jpg --exposure
   The histogram over 64 planes, and the 16 that are selected:
     liveview inspect scene --target IMG_7.jpg --planes -o planes.png
-  Another number of planes:
-    liveview inspect scene --target IMG_7.jpg --planes --layers select:8/128
   A model's card, or those of all models in a folder:
     liveview inspect models/liveview_v4.onnx
     liveview inspect models";

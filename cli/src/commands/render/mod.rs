@@ -17,7 +17,7 @@ use liveview_synthesizer::agreement;
 use liveview_synthesizer::{LayerSpec, Plan, Score, Shot};
 
 use crate::args::numbers::FrameRange;
-use crate::args::{ADVANCED, LayerArgs, ModelArgs, SceneArgs, TargetArgs, named, numbers};
+use crate::args::{ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, named, numbers};
 use crate::console::{Output, escaped, print_message, print_notes, progress};
 use crate::interrupt::{self, Interrupted};
 use crate::job::{Job, Times};
@@ -196,29 +196,16 @@ fn render(
     Ok((done, explanation))
 }
 
-const SHORT_EXAMPLES: &str = "\
-Examples:
-  liveview render scene --target IMG_7.jpg -o new.png
-  liveview render scene --path circle:120 -o flight.mp4
-
---help also lists the advanced options.";
-
 const EXAMPLES: &str = "\
 Examples:
   liveview render scene --target IMG_7.jpg -o new.png --compare compare.png
-  liveview render scene --heldout 8 --layers guided:4 --compare compared/ --scores scores.csv
-  liveview render scene --target IMG_7.jpg --layers planes:64 -o new.png --depth disparity.png
   liveview render scene --target IMG_7.jpg -o new.png --explain why.png
-  liveview render scene --pose camera.json --near 1.5 --far 40 -o new.jpg
-  liveview render scene --path circle:120 --layers select:16/64 --width 640 -o flight.mp4
   liveview render scene --path interpolate:300:a.jpg,b.jpg,c.jpg --fov 50 -o flight.mp4
-  liveview render scene --path spiral:900 -o frames/
-  liveview render scene --path spiral:900 -o frames/ --resume
   liveview render scene --path spiral:900 -o frames/ --frames 100:200";
 
 /// Options of `liveview render`, in the order of the help.
 #[derive(Debug, Args)]
-#[command(after_help = SHORT_EXAMPLES, after_long_help = EXAMPLES)]
+#[command(after_help = MORE_HELP, after_long_help = EXAMPLES)]
 pub(crate) struct RenderArgs {
     #[command(flatten)]
     targets: TargetArgs,

@@ -13,6 +13,7 @@ use anyhow::{Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
+use liveview_files::has_extension;
 
 pub(crate) use process::{Decoder, Process, ProcessHandle, command};
 
@@ -35,11 +36,6 @@ struct RunningEncoder {
     file: AtomicFile,
     /// Number of frames written to ffmpeg.
     frames: usize,
-}
-
-/// Whether a path has one of these extensions, in upper or lower case.
-pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension().is_some_and(|found| extensions.iter().any(|extension| found.eq_ignore_ascii_case(extension)))
 }
 
 /// Whether a path names a video.

@@ -10,7 +10,8 @@ use liveview::image::{self, ImageError};
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
 use super::steps::{Photos, photos_in};
-use crate::ffmpeg::{Decoder, FrameRate, ProcessHandle, count_frames, has_extension};
+use crate::ffmpeg::{Decoder, FrameRate, ProcessHandle, count_frames};
+use liveview_files::has_extension;
 
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 

@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 use super::feed::Feed;
-use crate::ffmpeg::{FrameRate, has_extension};
+use crate::ffmpeg::FrameRate;
+use liveview_files::has_extension;
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Largest number of a frame: nanoseconds of 290 years.

@@ -102,7 +102,6 @@ pub(crate) fn guided_search<'py>(
 /// `count` guided layers as maps of disparity [count, H, W] over the padded target.
 #[pyfunction]
 #[pyo3(signature = (views, cameras, target, near, far, count, planes = None))]
-#[allow(clippy::too_many_arguments)]
 pub(crate) fn guided_layers<'py>(
     py: Python<'py>,
     views: &Object<'py>,

@@ -70,7 +70,6 @@ pub(crate) fn guided_search<'py>(
 /// compete with `alpha_scale`.
 #[pyfunction]
 #[pyo3(signature = (model, views, cameras, target, layers, batch, alpha_scale = None))]
-#[allow(clippy::too_many_arguments)]
 pub(crate) fn render<'py>(
     py: Python<'py>,
     model: PathBuf,
