@@ -13,7 +13,7 @@ impl SweepReport {
             if row.reference {
                 return None;
             }
-            let work = row.megapixels() * row.count as f64;
+            let work = row.size.pixels() as f64 / 1e6 * row.count as f64;
             let (x, y) = if scaling { (work, row.median()) } else { (row.median(), row.rms_error()?) };
             (x > 0.0 && y > 0.0).then_some((x, y))
         };

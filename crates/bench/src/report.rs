@@ -81,10 +81,6 @@ impl Row {
     pub(super) fn rms_error(&self) -> Option<f64> {
         self.score.map(|score| 255.0 * 10f64.powf(-score.psnr / 20.0))
     }
-
-    pub(super) fn megapixels(&self) -> f64 {
-        self.size.pixels() as f64 / 1e6
-    }
 }
 
 /// All measurements of a sweep.

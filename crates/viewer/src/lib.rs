@@ -76,7 +76,7 @@ impl Viewer {
             stopped_queue.stop();
         });
         let link = format!("http://{}/{}", reachable(address), guard.query());
-        let app = App::new(Arc::clone(&queue), scene, video.map(|video| video.steps), info, guard);
+        let app = App::new(Arc::clone(&queue), scene, video.map(|(steps, _)| steps), info, guard);
         let server = Server::start(listener, app)?;
         ready(&link);
         serve(&queue, &mut renderer, settings.error_text);
@@ -161,14 +161,14 @@ pub struct ViewSettings {
 }
 
 /// A source of pictures, and what the session is described by.
-pub(crate) struct Opened {
-    pub(crate) source: Box<dyn Source>,
+struct Opened {
+    source: Box<dyn Source>,
     /// Index of the view near which clients start.
-    pub(crate) start_view: usize,
+    start_view: usize,
     /// The nearest depth, scene units.
-    pub(crate) near: Option<f64>,
-    /// The time steps of a rig.
-    pub(crate) video: Option<VideoInfo>,
+    near: Option<f64>,
+    /// The number of time steps of a rig, and how many a second.
+    video: Option<(usize, f64)>,
 }
 
 /// Opens what is shown.
@@ -176,7 +176,7 @@ pub(crate) struct Opened {
 /// # Errors
 ///
 /// No picture can be rendered at the first viewpoint: reported now rather than to each client.
-pub(crate) fn open(shown: Shown, settings: &ViewSettings, queue: &Arc<RequestQueue>) -> Result<Opened> {
+fn open(shown: Shown, settings: &ViewSettings, queue: &Arc<RequestQueue>) -> Result<Opened> {
     match shown {
         Shown::Photos(synthesizer) => open_photos(*synthesizer, settings, queue),
         Shown::Video { rig, batch, rate } => open_rig(*rig, (batch, rate), settings),
@@ -199,10 +199,10 @@ fn open_rig(rig: RigSettings, (batch, rate): (usize, f64), settings: &ViewSettin
     let start_view = start_view(scene, held_out)?;
     let camera = scene.views[start_view].camera.clone();
     let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
-    let info = VideoInfo { steps: rig.rig.steps(&free)?, rate };
+    let steps = rig.rig.steps(&free)?;
     let video = Video::open(rig, free, batch)?;
     video.cameras_for(&camera)?;
-    Ok(Opened { near: Some(video.near()), source: Box::new(video), start_view, video: Some(info) })
+    Ok(Opened { near: Some(video.near()), source: Box::new(video), start_view, video: Some((steps, rate)) })
 }
 
 /// The view in the middle of those that are not held out.
@@ -215,16 +215,8 @@ fn start_view(scene: &Scene, held_out: &[usize]) -> Result<usize> {
     Ok(free[middle_camera(&cameras)])
 }
 
-/// The time steps of a rig.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct VideoInfo {
-    pub(crate) steps: usize,
-    /// Time steps per second.
-    pub(crate) rate: f64,
-}
-
 /// The first message to each client: the scene, its cameras, and the engine.
-pub(crate) fn session_info(opened: &Opened, settings: &ViewSettings) -> Value {
+fn session_info(opened: &Opened, settings: &ViewSettings) -> Value {
     let (scene, video) = (opened.source.scene(), opened.video);
     let views = scene.views.iter().enumerate().map(|(index, view)| {
         let held_out = settings.held_out.contains(&index);
@@ -238,7 +230,7 @@ pub(crate) fn session_info(opened: &Opened, settings: &ViewSettings) -> Value {
         "views": views.collect::<Vec<_>>(),
         "start_view": opened.start_view,
         "near": opened.near,
-        "video": video.map(|video| json!({ "steps": video.steps, "rate": video.rate })),
+        "video": video.map(|(steps, rate)| json!({ "steps": steps, "rate": rate })),
     })
 }
 

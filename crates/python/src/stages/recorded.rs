@@ -54,12 +54,8 @@ impl Recorded {
             let parts: Vec<_> = self.batches.iter().map(|batch| batch[stage].view()).collect();
             arrays.set_item(name, concatenate(Axis(0), &parts).expect("of one size").into_pyarray(py))?;
         }
-        let mut planes = Vec::new();
-        for layer in layers.as_slice() {
-            if let Layer::Plane(disparity) = layer {
-                planes.push(*disparity);
-            }
-        }
+        let plane = |layer: &Layer| if let Layer::Plane(disparity) = layer { Some(*disparity) } else { None };
+        let planes: Vec<f64> = layers.as_slice().iter().filter_map(plane).collect();
         if !planes.is_empty() {
             arrays.set_item("disparities", planes.into_pyarray(py))?;
         }
