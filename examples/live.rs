@@ -17,8 +17,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let out = PathBuf::from(args.next().unwrap_or_else(|| "out/live".to_owned()));
     std::fs::create_dir_all(&out)?;
-    let mut options = SceneOptions::default();
-    options.width = args.next().map(|width| width.parse()).transpose()?;
+    let width = args.next().map(|width| width.parse()).transpose()?;
+    let options = SceneOptions { width, ..SceneOptions::default() };
 
     // The first frame of each camera has its pose. The held-out camera is not used.
     let mut scene = Scene::open(Path::new("tests/scenes/rig"), &options)?;

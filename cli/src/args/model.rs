@@ -148,19 +148,21 @@ impl ModelArgs {
         if bf16 && !provider.supports_bf16() {
             bail!("--precision bf16: expected --engine {}, the only one that supports it", ExecutionProvider::OpenVino);
         }
-        let mut options = ModelOptions::default();
-        options.views = self.views;
-        options.threads = self.threads;
-        options.file.clone_from(&self.model);
+        let mut options = ModelOptions {
+            views: self.views,
+            threads: self.threads,
+            file: self.model.clone(),
+            quantized: self.precision == Some(PrecisionName::Int8),
+            alpha: self.alpha,
+            provider,
+            precision: if bf16 { Precision::Bf16 } else { Precision::F32 },
+            library: self.library(provider),
+            batch: self.batch,
+            ..ModelOptions::default()
+        };
         if std::env::var_os("LIVEVIEW_MODELS").is_none_or(|folder| folder.is_empty()) {
             options.folders.push(std::env::current_dir().unwrap_or_default().join("models"));
         }
-        options.quantized = self.precision == Some(PrecisionName::Int8);
-        options.alpha = self.alpha;
-        options.provider = provider;
-        options.precision = if bf16 { Precision::Bf16 } else { Precision::F32 };
-        options.library = self.library(provider);
-        options.batch = self.batch;
         Ok(options)
     }
 
