@@ -31,7 +31,7 @@ impl Alpha {
 
     /// Whether each layer has its own opacity, independent of the other layers.
     pub fn is_independent(self) -> bool {
-        !matches!(self, Self::Competing { .. })
+        matches!(self, Self::Independent)
     }
 }
 
@@ -71,7 +71,8 @@ impl FromStr for AlphaKind {
 pub struct ModelCard {
     /// V, the number of views in its input.
     pub views: usize,
-    /// The layers that it was trained for, as text such as `planes:64`.
+    /// The layers that it was trained for, as text such as `planes:64`; `surface` and `guided` are found by
+    /// the package `liveview-synthesizer`.
     pub recommended_layers: String,
     /// The kinds of layers that it can be used for, such as `planes` and `select`; empty: all.
     pub layer_kinds: Vec<String>,

@@ -22,7 +22,7 @@ def missing(model: Path) -> list[str]:
     """What is missing to render with a model (ONNX)."""
     found = [] if model.is_file() else [f"{model.name} is missing"]
     try:
-        from .. import extension  # noqa: F401
+        from ..extension import liveview  # noqa: F401
     except ImportError as error:
         found.append(str(error))
     return found
