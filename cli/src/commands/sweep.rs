@@ -17,7 +17,6 @@ use crate::outputs::OutputPlan;
 const EXAMPLES: &str = "\
 Examples:
   liveview sweep scene --target IMG_7.jpg -o report/
-  liveview sweep scene --target IMG_7.jpg --layers guided:2,guided:4,planes:64 --repetitions 9 -o report/
   liveview sweep scene --target IMG_7.jpg --layers guided:4,planes:16 --widths 500,1000,2000 -o scaling/";
 
 /// Kinds and numbers of layers.

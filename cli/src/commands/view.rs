@@ -18,7 +18,6 @@ use crate::job::{self, Job};
 const EXAMPLES: &str = "\
 Examples:
   liveview view scene --open
-  liveview view scene --target IMG_7.jpg,IMG_9.jpg
   liveview view scene --bind 192.168.1.2 --port 9000
   liveview view rig --fps 25
 

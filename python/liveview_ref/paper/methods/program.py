@@ -1,4 +1,4 @@
-"""This project's library as it ships, on surface layers from the depth of the photos (crates/surface):
+"""This project's library as it ships, on surface layers from the depth of the photos:
 not in the paper, and trained on other scenes."""
 
 from errno import ENOENT
