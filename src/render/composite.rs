@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::blend::{Blended, LayerSamples, blend_run};
 use super::buffers::Batch;
-use super::composite_competing::Competing;
 use crate::warp::RunCoverage;
 
 /// Sums over the layers composited so far, for one row of the target.
@@ -101,16 +100,6 @@ impl CompositeRow for Accumulated {
 
     fn finish(self) -> Accumulated {
         self
-    }
-}
-
-impl CompositeRow for Competing {
-    fn add_layer(&mut self, index: u32, _last: bool, logits: &[f32], blended: &Blended, disparity: &[f32]) {
-        self.add(index, logits, blended, disparity);
-    }
-
-    fn finish(self) -> Accumulated {
-        Competing::finish(self)
     }
 }
 

@@ -10,7 +10,7 @@
 //! [`Alpha::Competing`]: crate::network::Alpha::Competing
 
 use super::blend::Blended;
-use super::composite::Accumulated;
+use super::composite::{Accumulated, CompositeRow};
 use crate::simd::exp_f64;
 
 /// Sums over the layers so far, for one row of the target.
@@ -114,6 +114,16 @@ fn add_row_with<'a, S: pulp::Simd>(
 fn finite_or_least(logit: f32) -> f32 {
     let logit = if logit > f32::MIN { logit } else { f32::MIN };
     if logit < f32::MAX { logit } else { f32::MAX }
+}
+
+impl CompositeRow for Competing {
+    fn add_layer(&mut self, index: u32, _last: bool, logits: &[f32], blended: &Blended, disparity: &[f32]) {
+        self.add(index, logits, blended, disparity);
+    }
+
+    fn finish(self) -> Accumulated {
+        Self::finish(self)
+    }
 }
 
 #[cfg(test)]
