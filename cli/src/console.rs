@@ -82,9 +82,9 @@ pub(crate) fn print_notes(notes: &[String]) {
     notes.iter().for_each(|note| print_note(note));
 }
 
-/// A progress bar on stderr that counts `what` (such as layers); hidden unless stderr is a
+/// A progress bar on stderr that counts its prefix (such as pictures); hidden unless stderr is a
 /// terminal.
-pub(crate) fn progress(what: &str) -> anyhow::Result<ProgressBar> {
-    let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}} {{msg}}");
-    Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template(&template)?))
+pub(crate) fn progress() -> anyhow::Result<ProgressBar> {
+    let template = "{bar:40} {prefix} {pos} of {len}, {elapsed}, {eta} left {msg}";
+    Ok(ProgressBar::new(0).with_style(ProgressStyle::with_template(template)?))
 }

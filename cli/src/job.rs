@@ -1,5 +1,6 @@
 //! A scene, a model and layers, opened by the options of a command that renders.
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -12,7 +13,7 @@ use liveview_synthesizer::{LayerSpec, LoadedShot, Plan, ScenePhotos, SceneViews,
 use ndarray::Axis;
 
 use crate::args::{LayerArgs, LayerChoice, ModelArgs, ModelInfo};
-use crate::console::{print_message, print_notes};
+use crate::console::{print_message, print_notes, progress};
 use crate::outputs::OutputPlan;
 
 /// A synthesizer, with the model's description and a progress bar.
@@ -22,8 +23,12 @@ pub(crate) struct Job {
     pub(crate) synthesizer: Synthesizer,
     /// The model, for the summary.
     pub(crate) model: ModelInfo,
-    /// Counts rendered layers.
+    /// Counts photos whose depth is searched, then layers, or pictures if there are several.
     pub(crate) progress: ProgressBar,
+    /// Number of pictures to render, if the progress counts them.
+    pictures: Option<u64>,
+    /// Pictures rendered.
+    rendered: u64,
     /// The share of the pixels of the last picture on which its photos agree ([`liveview_synthesizer::agreement`]); `None` with a network and
     /// for layers that are not along the surface.
     pub(crate) agreeing_share: Option<f64>,
@@ -53,33 +58,58 @@ impl Job {
 
     fn of(photos: ScenePhotos, (renderer, layers, model): (Renderer, LayerSpec, ModelInfo)) -> Self {
         let synthesizer = Synthesizer::new(photos, renderer, layers);
-        Self { synthesizer, model, progress: ProgressBar::hidden(), agreeing_share: None }
+        Self { synthesizer, model, progress: ProgressBar::hidden(), pictures: None, rendered: 0, agreeing_share: None }
+    }
+
+    /// Shows the progress of so many pictures, on a terminal.
+    pub(crate) fn show_progress(&mut self, pictures: usize) -> Result<()> {
+        self.progress = progress()?;
+        self.pictures = (pictures > 1).then_some(pictures as u64);
+        let bar = self.progress.clone();
+        self.synthesizer.photos_mut().on_depth_search(move |next| {
+            count(&bar, "photos' depth", next.done as u64, next.count as u64);
+            ControlFlow::Continue(())
+        });
+        Ok(())
     }
 
     /// Computes the layers of a shot.
     pub(crate) fn plan(&mut self, shot: &LoadedShot) -> Result<Plan> {
-        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
-            self.progress.inc_length(*from as u64);
-        }
         let plan = self.synthesizer.plan(shot)?;
         let notes = self.synthesizer.photos_mut().take_notes();
         self.progress.suspend(|| print_notes(&notes));
-        if let LayerSpec::Select { from, .. } = self.synthesizer.layers() {
-            self.progress.inc(*from as u64);
-        }
         Ok(plan)
     }
 
     /// Renders a shot on the layers of its plan.
     pub(crate) fn render(&mut self, shot: &LoadedShot, plan: &Plan) -> Result<Frame> {
         let progress = &self.progress;
-        progress.inc_length(plan.layers.len() as u64);
-        let mut observe = |batch: &Batch<'_>| progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+        match self.pictures {
+            Some(pictures) => count(progress, "pictures", self.rendered, pictures),
+            None => count(progress, "layers", 0, plan.layers.len() as u64),
+        }
+        let counts_layers = self.pictures.is_none();
+        let mut observe = |batch: &Batch<'_>| {
+            if counts_layers {
+                progress.inc(batch.disparity.len_of(Axis(0)) as u64);
+            }
+        };
         let without_network = self.model.model.is_none();
         let (frame, agreeing) = agreement::render(&mut self.synthesizer, shot, plan, without_network, &mut observe)?;
         self.agreeing_share = agreeing;
+        self.rendered += 1;
         Ok(frame)
     }
+}
+
+/// Shows that so many of so many are done.
+fn count(bar: &ProgressBar, what: &'static str, done: u64, of: u64) {
+    if bar.prefix() != what {
+        bar.set_prefix(what);
+        bar.reset_eta();
+    }
+    bar.set_length(of);
+    bar.set_position(done);
 }
 
 /// Opens the models for a rig, also those for fewer views.

@@ -11,7 +11,7 @@ use super::visibility::hide_occluded;
 use crate::geometry::Size;
 use crate::layers::Layer;
 use crate::network::{NetworkError, PlaneNetwork};
-use crate::warp::{OwnDepth, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into};
+use crate::warp::{OwnDisparity, RunCoverage, WarpSource, WarpedLayers, run_coverage_len, warp_layers_into};
 
 /// The stages of n layers over the padded target of h × w pixels, as an observer is shown them
 /// ([`super::RenderRequest::observer`]).
@@ -93,7 +93,7 @@ impl Buffers {
         &mut self,
         remaining: impl Iterator<Item = (usize, &'a Layer)>,
         sources: &[WarpSource<'_>],
-        own_depth: &[OwnDepth<'_>],
+        own_depth: &[OwnDisparity<'_>],
         indices: &mut Vec<usize>,
     ) {
         let [pixels, ..] = self.lengths();

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::corrected_photos::{SharpenedPhotos, ViewCorrection, correct_photos};
 use crate::geometry::{Camera, Size};
 use crate::warp::{
-    ALL_SEEN, LayerBand, OwnDepth, RUN, RunCoverage, SourceView, WarpedLayers, run_coverage_len, warp_layers_into,
+    ALL_SEEN, LayerBand, OwnDisparity, RUN, RunCoverage, SourceView, WarpedLayers, run_coverage_len, warp_layers_into,
     warp_sources,
 };
 
@@ -36,9 +36,9 @@ pub struct Visibility<'a> {
 
 impl Visibility<'_> {
     /// The views' own depth, as the warp asks for it.
-    pub(crate) fn own_depth(&self) -> Vec<OwnDepth<'_>> {
+    pub(crate) fn own_depth(&self) -> Vec<OwnDisparity<'_>> {
         let disparities = self.disparities.iter().map(|disparity| disparity.as_slice().expect("standard order"));
-        disparities.map(|disparity| OwnDepth { disparity, margin: self.margin }).collect()
+        disparities.map(|disparity| OwnDisparity { disparity, margin: self.margin }).collect()
     }
 }
 

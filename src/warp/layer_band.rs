@@ -78,14 +78,14 @@ impl LayerBand<'_> {
 /// A view's own depth: the view sees a point unless this depth, at the pixel that the point projects to, is
 /// nearer by a margin.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct OwnDepth<'a> {
+pub(crate) struct OwnDisparity<'a> {
     /// Disparity of each pixel of its photo, 1/scene unit; below 0 where it is unknown.
     pub(crate) disparity: &'a [f32],
     /// How much nearer than a point it must be to hide the point, 1/scene unit.
     pub(crate) margin: f32,
 }
 
-impl OwnDepth<'_> {
+impl OwnDisparity<'_> {
     /// Which points of a run the view sees, by bit; located with `PIXELS` ([`SamplePositions::locate`]).
     #[inline(always)]
     pub(super) fn seen(&self, points: &SamplePositions) -> u64 {

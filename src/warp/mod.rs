@@ -14,7 +14,7 @@ mod texture;
 mod volume;
 
 pub use bilinear::sample;
-pub(crate) use layer_band::{LayerBand, OwnDepth};
+pub(crate) use layer_band::{LayerBand, OwnDisparity};
 pub(crate) use run::ALL_SEEN;
 pub use run::{RUN, RunCoverage, round_to_i32};
 pub use sample_positions::SamplePositions;

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::WarpSource;
-use super::layer_band::{LayerBand, OwnDepth};
+use super::layer_band::{LayerBand, OwnDisparity};
 use super::run::{RUN, Run, RunCoverage};
 use super::sample_positions::SamplePositions;
 use crate::geometry::Size;
@@ -85,7 +85,7 @@ impl WarpedLayers<'_> {
 /// unchanged.
 pub(crate) fn warp_layers_into(
     sources: &[WarpSource<'_>],
-    own: &[OwnDepth<'_>],
+    own: &[OwnDisparity<'_>],
     size: Size,
     layers: &mut WarpedLayers<'_>,
 ) {
@@ -113,7 +113,7 @@ const BAND_ROWS: usize = 32;
 fn warp_band_with<'a, 'b, S: pulp::Simd>(
     simd: S,
     source: &'a WarpSource<'a>,
-    own: Option<&'a OwnDepth<'a>>,
+    own: Option<&'a OwnDisparity<'a>>,
     first: usize,
     width: usize,
     layers: &'a mut [LayerBand<'b>],
@@ -209,7 +209,7 @@ mod tests {
         let sweep = PlaneSweep { homography_at_infinity, epipole: DVec3::new(-15.0, 2.0, 0.0) };
         let sources = [WarpSource { gains: [0.9, 1.1, 1.0], ..WarpSource::new(&texture, sweep) }];
         let own_disparity: Vec<f32> = (0..pixels).map(|i| if i % 7 == 0 { 3.0 } else { -1.0 }).collect();
-        let own = [OwnDepth { disparity: &own_disparity, margin: 1.0 }];
+        let own = [OwnDisparity { disparity: &own_disparity, margin: 1.0 }];
         let far: Vec<f32> = (0..pixels).map(|i| (i % SIZE.width) as f32 / 150.0).collect();
         let near = far.iter().enumerate().map(|(i, d)| if i % SIZE.width / 8 == 10 { d + 1.5 } else { *d });
         let both: Vec<f32> = near.chain(far.iter().copied()).collect();

@@ -81,7 +81,7 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     let all_files = planned_files(&args.output, args.cache.as_deref(), scene, &views, truth.as_ref())?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
-    let bar = progress("photos")?;
+    let bar = progress()?.with_prefix("photos");
     bar.set_length(views.len() as u64);
     let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
     let (mut reports, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));

@@ -94,7 +94,7 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
     FILES.iter().try_for_each(|name| output_plan.named_file("-o", &args.output.join(name)))?;
     output_plan.prepare()?;
     let held_out = named(photos.scene(), &args.target)?;
-    let bar = progress("renders")?;
+    let bar = progress()?.with_prefix("renders");
     let mut report = |what: Progress| match what {
         Progress::More(renders) => bar.inc_length(renders as u64),
         Progress::Next(name) => bar.set_message(name),

@@ -147,7 +147,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
     output_plan.prepare()?;
     let stop = interrupt::watch()?;
-    let bar = progress("frames")?;
+    let bar = progress()?.with_prefix("frames");
     let mut report = |what: Progress<'_>| match what {
         Progress::Begin(steps) => steps.into_iter().for_each(|steps| bar.set_length(steps as u64)),
         Progress::Done(steps) => bar.set_position(steps as u64),

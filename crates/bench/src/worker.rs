@@ -84,7 +84,7 @@ impl Worker {
         };
         let rendered = self.synthesizer.render_plan(shot, &planned, None)?;
         if let Some(path) = frame {
-            save(path.as_ref(), rendered.raw())?;
+            save(path.as_ref(), &rendered.picture())?;
         }
         let seconds = json!({
             "depth": planned.search.as_secs_f64(), "select": planned.selection.as_secs_f64(),

@@ -14,7 +14,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::arguments::library;
-use crate::frame::{Times, times};
+use crate::frame::{About, about};
 
 /// The library's synthesizer, and how its work is ended.
 pub(crate) struct Engine {
@@ -126,12 +126,12 @@ pub(crate) fn rendered(
     shot: &Shot,
     later: &[Shot],
     known: Option<Plan>,
-) -> PyResult<(liveview::Frame, Plan, Times)> {
+) -> PyResult<(liveview::Frame, Plan, About)> {
     let loaded = synthesizer.load(shot, later).map_err(library)?;
     let plan = known.map_or_else(|| synthesizer.plan(&loaded), Ok).map_err(library)?;
     let frame = synthesizer.render_plan(&loaded, &plan, None).map_err(library)?;
-    let times = times(&plan, &frame);
-    Ok((frame, plan, times))
+    let about = about(&plan, &frame);
+    Ok((frame, plan, about))
 }
 
 /// Time between two looks for a signal.

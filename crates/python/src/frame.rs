@@ -4,57 +4,41 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use liveview::geometry::Size;
 use liveview::{ImageRgb, Layers};
 use liveview_scene::save_picture;
 use liveview_synthesizer::{LayerSpec, Plan, Shot, Synthesizer};
-use ndarray::{Array3, Ix3};
-use numpy::{IntoPyArray, PyArray2, PyArray3};
+use ndarray::Array3;
+use numpy::{IntoPyArray, PyArray2, PyArray3, ToPyArray};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arguments::{Sides, library};
+use crate::arguments::library;
 use crate::engine::{Engine, compute, rendered};
 
-/// A rendered picture.
+/// A rendered picture. Each read of an array is a copy.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Frame {
     /// The target's.
     #[pyo3(get)]
     name: String,
-    size: Size,
-    /// [h, w, 3] float32 in [0, 1]; pixels that no photo covers are filled from their surroundings.
+    frame: liveview::Frame,
+    /// The share of the pixels whose surface no two photos confirm; None for layers that do not follow it.
     #[pyo3(get)]
-    picture: Py<PyArray3<f32>>,
-    /// The picture as it was composited, [h, w, 3] float32; black where no photo covers any layer.
-    #[pyo3(get)]
-    raw: Py<PyArray3<f32>>,
-    /// [h, w] float32, 1/scene unit.
-    #[pyo3(get)]
-    disparity: Py<PyArray2<f32>>,
-    /// [h, w] float32: the share of each pixel that no photo covers, in [0, 1].
-    #[pyo3(get)]
-    transmittance: Py<PyArray2<f32>>,
-    /// The share of the picture that no photo covers.
-    #[pyo3(get)]
-    uncovered: f64,
-    /// The share of the pixels that are hidden in every photo, by the photos' own depth.
-    #[pyo3(get)]
-    occluded: f64,
-    /// Seconds of each stage: depth, selection (of a live session photos, layers), warp, network,
-    /// composite.
-    #[pyo3(get)]
-    times: Py<PyDict>,
+    guessed: Option<f64>,
+    times: Times,
 }
 
 /// Wall time of each stage, seconds.
 pub(crate) type Times = Vec<(&'static str, Duration)>;
+/// That time, and the share of guessed pixels.
+pub(crate) type About = (Times, Option<f64>);
 
-/// Wall time of each stage of a picture.
-pub(crate) fn times(plan: &Plan, frame: &liveview::Frame) -> Times {
+/// What is known of a picture by its plan.
+pub(crate) fn about(plan: &Plan, frame: &liveview::Frame) -> About {
     let stages = [("depth", plan.search), ("selection", plan.selection)];
-    stages.into_iter().chain(rendering(frame)).collect()
+    let guessed = plan.surface.as_ref().map(|found| found.surface.guessed_share());
+    (stages.into_iter().chain(rendering(frame)).collect(), guessed)
 }
 
 /// Wall time of the stages of rendering.
@@ -63,24 +47,8 @@ pub(crate) fn rendering(frame: &liveview::Frame) -> [(&'static str, Duration); 3
 }
 
 impl Frame {
-    /// The arrays of a frame, which are not copied.
-    pub(crate) fn new(py: Python<'_>, name: String, frame: liveview::Frame, times: Times) -> PyResult<Self> {
-        let seconds = PyDict::new(py);
-        for (stage, time) in times {
-            seconds.set_item(stage, time.as_secs_f64())?;
-        }
-        let (uncovered, pixels) = (frame.uncovered_share(), frame.transmittance.len() as f64);
-        Ok(Self {
-            name,
-            size: frame.raw().size(),
-            uncovered,
-            occluded: frame.occluded_pixels as f64 / pixels,
-            picture: picture_array(frame.picture()).into_pyarray(py).unbind(),
-            raw: frame.raw().as_array().to_owned().into_pyarray(py).unbind(),
-            disparity: frame.disparity.into_pyarray(py).unbind(),
-            transmittance: frame.transmittance.into_pyarray(py).unbind(),
-            times: seconds.unbind(),
-        })
+    pub(crate) fn new(name: String, frame: liveview::Frame, (times, guessed): About) -> Self {
+        Self { name, frame, guessed, times }
     }
 }
 
@@ -92,19 +60,58 @@ pub(crate) fn picture_array(picture: ImageRgb) -> Array3<f32> {
 
 #[pymethods]
 impl Frame {
+    /// [h, w, 3] float32 in [0, 1]; pixels that no photo covers are filled from their surroundings.
+    #[getter]
+    fn picture<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        Ok(picture_array(compute(py, || Ok(self.frame.picture()))?).into_pyarray(py))
+    }
+
+    /// The picture as it was composited, [h, w, 3] float32; black where no photo covers any layer.
+    #[getter]
+    fn raw<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f32>> {
+        self.frame.raw().as_array().to_pyarray(py)
+    }
+
+    /// [h, w] float32, 1/scene unit.
+    #[getter]
+    fn disparity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
+        self.frame.disparity.to_pyarray(py)
+    }
+
+    /// [h, w] float32: the share of each pixel that no photo covers, in [0, 1].
+    #[getter]
+    fn transmittance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
+        self.frame.transmittance.to_pyarray(py)
+    }
+
+    /// The share of the picture that no photo covers.
+    #[getter]
+    fn uncovered(&self) -> f64 {
+        self.frame.uncovered_share()
+    }
+
+    /// The share of the pixels that are hidden in every photo, by the photos' own depth.
+    #[getter]
+    fn occluded(&self) -> f64 {
+        self.frame.occluded_pixels as f64 / self.frame.transmittance.len() as f64
+    }
+
+    /// Seconds of each stage: depth, selection (of a live session photos, layers), warp, network,
+    /// composite.
+    #[getter]
+    fn times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let seconds = PyDict::new(py);
+        self.times.iter().try_for_each(|(stage, time)| seconds.set_item(stage, time.as_secs_f64()))?;
+        Ok(seconds)
+    }
+
     /// Writes the picture, as `liveview render` does: JPEG for .jpg, else PNG.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let picture = Sides::default().array::<f32, Ix3>("picture", self.picture.bind(py), "H W 3")?;
-        let picture = picture.as_array().to_owned();
-        compute(py, || {
-            ImageRgb::from_array(picture.view())
-                .map_err(library)
-                .and_then(|picture| save_picture(&picture, &path).map_err(library))
-        })
+        compute(py, || save_picture(&self.frame.picture(), &path).map_err(library))
     }
 
     fn __repr__(&self) -> String {
-        format!("Frame({:?}, {}, {:.1} % uncovered)", self.name, self.size, 100.0 * self.uncovered)
+        format!("Frame({:?}, {}, {:.1} % uncovered)", self.name, self.frame.raw().size(), 100.0 * self.uncovered())
     }
 }
 
@@ -132,17 +139,17 @@ impl Progress {
         synthesizer: &mut Synthesizer,
         shots: &[Shot],
         index: usize,
-    ) -> PyResult<(String, liveview::Frame, Times)> {
+    ) -> PyResult<(String, liveview::Frame, About)> {
         let selects = matches!(synthesizer.layers(), LayerSpec::Select { .. });
         if selects && index > 0 && self.selected.is_none() {
             self.render(synthesizer, shots, 0)?;
         }
         let (shot, known) = (&shots[index], self.selected.clone().map(Plan::known));
-        let (frame, plan, times) = rendered(synthesizer, shot, &shots[index + 1..], known)?;
+        let (frame, plan, about) = rendered(synthesizer, shot, &shots[index + 1..], known)?;
         if selects {
             self.selected.get_or_insert(plan.layers);
         }
-        Ok((shot.name.clone(), frame, times))
+        Ok((shot.name.clone(), frame, about))
     }
 }
 
@@ -171,8 +178,8 @@ impl Frames {
             let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
             progress.render(synthesizer, &self.shots, index)
         })?;
-        let (name, frame, times) = found;
-        Frame::new(py, name, frame, times)
+        let (name, frame, about) = found;
+        Ok(Frame::new(name, frame, about))
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
@@ -188,6 +195,6 @@ impl Frames {
             progress.next += usize::from(!self.engine.is_interrupted());
             Ok(Some(found))
         })?;
-        found.map(|(name, frame, times)| Frame::new(py, name, frame, times)).transpose()
+        Ok(found.map(|(name, frame, about)| Frame::new(name, frame, about)))
     }
 }

@@ -91,12 +91,12 @@ impl Synthesizer {
     /// others.
     fn render(&self, py: Python<'_>, target: &Object<'_>) -> PyResult<Frame> {
         let targets = self.targets("target", target)?;
-        let (name, (frame, _, times)) = self.engine.with(py, |synthesizer| {
+        let (name, (frame, _, about)) = self.engine.with(py, |synthesizer| {
             let shots = synthesizer.shots(targets).map_err(library)?;
             let [shot] = shots.as_slice() else { return Err(PyRuntimeError::new_err("target: not one")) };
             Ok((shot.name.clone(), rendered(synthesizer, shot, &[], None)?))
         })?;
-        Frame::new(py, name, frame, times)
+        Ok(Frame::new(name, frame, about))
     }
 
     /// The pictures of cameras along a path, one after the other, over one depth range.
@@ -243,7 +243,7 @@ impl LiveSession {
         })?;
         let mut times = vec![("photos", found.times.photos), ("layers", found.times.layers)];
         times.extend(rendering(&found.frame));
-        Frame::new(py, format!("frame_{step:04}"), found.frame, times)
+        Ok(Frame::new(format!("frame_{step:04}"), found.frame, (times, None)))
     }
 
     /// Forgets what earlier steps have found: the next is rendered like the first.

@@ -28,7 +28,7 @@ use crate::consistency::confirmed_by;
 use crate::fusion::{AVERAGED_PX, SAME_SURFACE_PX, Single, splat};
 use crate::neighbourhood::{extremes3, share_of_known};
 use crate::photo_depth::{Anchors, CELL, CellSearch, detail_pixels, refined};
-use crate::{ConfirmedDepth, PhotoDepth};
+use crate::{ConfirmedDisparity, PhotoDisparity};
 use liveview::geometry::Camera;
 use liveview::warp::{SourceView, Texture};
 
@@ -43,7 +43,7 @@ const EDGE_PX: f32 = 20.0;
 /// units), with anchors; the neighbours among each other and the photo. A photo without detail of one
 /// pixel is searched at the size that holds its detail, as are its neighbours; all pixels of a cell have
 /// its depth.
-pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
+pub fn anchored_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDisparity {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
     let all = 0..views.len();
     let each_first = |photo| std::iter::once(photo).chain(all.clone().filter(move |&other| other != photo)).collect();
@@ -66,7 +66,7 @@ pub fn anchored_depth_in_scene<E: Send>(
     maps: &SmallMaps,
     searched: &[Vec<usize>],
     small: impl Fn(usize, usize) -> Result<SmallPhoto, E> + Sync,
-) -> Result<PhotoDepth, E> {
+) -> Result<PhotoDisparity, E> {
     let photo = &views[0];
     let detail = detail_pixels(photo.texture);
     let maps = maps.get_or_search(searched, detail, range, |photo| small(photo, detail))?;
@@ -78,7 +78,7 @@ pub fn anchored_depth_in_scene<E: Send>(
     let found = depth_at_full_size(&views, range, maps);
     let (width, height) = (photo.texture.width(), photo.texture.height());
     let disparity = Array2::from_shape_fn((height, width), |(y, x)| found.disparity[(y / detail, x / detail)]);
-    Ok(PhotoDepth { disparity, ..found })
+    Ok(PhotoDisparity { disparity, ..found })
 }
 
 fn shrunk(view: &SourceView<'_>, factor: usize) -> (Camera, Texture) {
@@ -86,7 +86,7 @@ fn shrunk(view: &SourceView<'_>, factor: usize) -> (Camera, Texture) {
 }
 
 /// The depth of the first of these photos, given the maps of all of them.
-fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDepth>) -> PhotoDepth {
+fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<PhotoDisparity>) -> PhotoDisparity {
     let group = Group::of(&views.iter().map(|view| view.camera).collect::<Vec<_>>(), maps);
     let mut first = CellSearch::of_full_size(views, CELL, range, || Some(group.maps[0].clone()));
     let anchors = group.anchors(&views[0].camera.shrunk(CELL), &first.depth());
@@ -97,18 +97,18 @@ fn depth_at_full_size(views: &[SourceView<'_>], range: (f64, f64), maps: Vec<Pho
 /// A photo and its neighbours at a small size.
 pub(crate) struct Group {
     cameras: Vec<Camera>,
-    maps: Vec<PhotoDepth>,
+    maps: Vec<PhotoDisparity>,
     /// What the others confirm of each.
-    pub(crate) confirmed: Vec<ConfirmedDepth>,
+    pub(crate) confirmed: Vec<ConfirmedDisparity>,
 }
 
 impl Group {
     /// Of these maps and the cameras of the full size, of the photo in question first.
-    pub(crate) fn of(cameras: &[&Camera], maps: Vec<PhotoDepth>) -> Self {
+    pub(crate) fn of(cameras: &[&Camera], maps: Vec<PhotoDisparity>) -> Self {
         let cameras: Vec<Camera> = cameras.iter().map(|camera| camera.shrunk(SMALL_CELL)).collect();
         let confirm = |which: usize| {
             let disparity_per_pixel = GROUP_PX * maps[which].disparity_per_pixel;
-            let own = PhotoDepth { disparity_per_pixel, ..maps[which].clone() };
+            let own = PhotoDisparity { disparity_per_pixel, ..maps[which].clone() };
             let others = (0..maps.len()).filter(|&other| other != which);
             confirmed_by((&cameras[which], &own), others.map(|other| (&cameras[other], &maps[other])))
         };
@@ -118,7 +118,7 @@ impl Group {
 
     /// Anchors of the first photo's cells, whose depth a first search found; `camera` is the photo's
     /// at their size.
-    pub(crate) fn anchors(&self, camera: &Camera, found: &PhotoDepth) -> Anchors {
+    pub(crate) fn anchors(&self, camera: &Camera, found: &PhotoDisparity) -> Anchors {
         let others = self.cameras.iter().zip(&self.maps).skip(1);
         let own = confirmed_by((camera, found), others).disparity;
         let carried = self.carried(found.disparity_per_pixel);
@@ -182,7 +182,7 @@ impl SmallPhoto {
 
 /// The depth `[h/4, w/4]` of the first of these photos, searched among the others (at least one) from
 /// near to far (scene units).
-pub(crate) fn small_map(photos: &[&SmallPhoto], range: (f64, f64)) -> PhotoDepth {
+pub(crate) fn small_map(photos: &[&SmallPhoto], range: (f64, f64)) -> PhotoDisparity {
     let by_cells = views(photos, |photo| &photo.by_cells);
     let coarser = || {
         let by_larger_cells = views(photos, |photo| &photo.by_larger_cells);
@@ -199,7 +199,7 @@ fn views<'a>(photos: &[&'a SmallPhoto], texture: fn(&SmallPhoto) -> &Texture) ->
 /// scene and the pixels per side of the detail at whose size it was searched.
 #[derive(Debug)]
 pub struct SmallMaps {
-    maps: Recent<PhotoDepth>,
+    maps: Recent<PhotoDisparity>,
     photos: Recent<SmallPhoto>,
 }
 
@@ -218,7 +218,7 @@ impl SmallMaps {
         detail: usize,
         range: (f64, f64),
         load: impl Fn(usize) -> Result<SmallPhoto, E> + Sync,
-    ) -> Result<Vec<PhotoDepth>, E> {
+    ) -> Result<Vec<PhotoDisparity>, E> {
         let known: Vec<_> = searched.iter().map(|photos| self.maps.get((photos[0], detail))).collect();
         let missing: Vec<_> = searched.iter().zip(&known).filter(|(_, known)| known.is_none()).collect();
         let needed: BTreeSet<usize> = missing.iter().flat_map(|(photos, _)| photos.iter().copied()).collect();

@@ -34,7 +34,7 @@ use ndarray_npy::{NpzWriter, ViewElement, WriteNpzError};
 use sha2::{Digest, Sha256};
 use zip::ZipArchive;
 
-use crate::PhotoDepth;
+use crate::PhotoDisparity;
 use crate::aggregate::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
 use crate::photo_depth::{FINE_PER_COARSE, PLANE_SPACING};
 use liveview::geometry::{Camera, Intrinsics, MAX_SIDE, Size};
@@ -70,7 +70,7 @@ impl DepthCache {
     /// # Errors
     ///
     /// What is wrong with the file, in one line, which names it.
-    pub fn load(&self, key: &DepthKey) -> Result<Option<PhotoDepth>, String> {
+    pub fn load(&self, key: &DepthKey) -> Result<Option<PhotoDisparity>, String> {
         let path = self.path(key);
         let bytes = match bounded::read_regular(&path, max_bytes(key)) {
             Ok(bytes) => bytes,
@@ -85,7 +85,7 @@ impl DepthCache {
     /// # Errors
     ///
     /// Why it cannot be written, in one line, which names the file.
-    pub fn store(&self, key: &DepthKey, depth: &PhotoDepth) -> Result<(), String> {
+    pub fn store(&self, key: &DepthKey, depth: &PhotoDisparity) -> Result<(), String> {
         let path = self.path(key);
         let unwritten = |why: &dyn std::fmt::Display| format!("{}: cannot be written: {why}", path.display());
         check(depth, key).map_err(|damage| unwritten(&damage))?;
@@ -197,7 +197,7 @@ fn max_bytes(key: &DepthKey) -> u64 {
 }
 
 /// The bytes of the file of a depth.
-fn write(key: &DepthKey, depth: &PhotoDepth) -> Result<Vec<u8>, WriteNpzError> {
+fn write(key: &DepthKey, depth: &PhotoDisparity) -> Result<Vec<u8>, WriteNpzError> {
     let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
     arrays.add_array("key", &ArrayView1::from(&key.digest))?;
     arrays.add_array("pixel", &aview0(&depth.disparity_per_pixel))?;
@@ -207,7 +207,7 @@ fn write(key: &DepthKey, depth: &PhotoDepth) -> Result<Vec<u8>, WriteNpzError> {
 
 /// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by
 /// the key.
-fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, String> {
+fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDisparity, String> {
     let broken = |error| damage(format!("no archive: {}", root_cause(&error)), "a complete .npz file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
     if archive.len() != 3 {
@@ -223,7 +223,7 @@ fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDepth, String> {
     if disparity.dim() != (key.size.height, key.size.width) {
         return Err(damage(format!("disparity: of shape {:?}", disparity.shape()), expected));
     }
-    let depth = PhotoDepth { disparity, disparity_per_pixel: pixel.into_scalar() };
+    let depth = PhotoDisparity { disparity, disparity_per_pixel: pixel.into_scalar() };
     check(&depth, key)?;
     Ok(depth)
 }
@@ -246,7 +246,7 @@ fn array<T: ViewElement + Clone, D: Dimension>(
 }
 
 /// Refuses values that no search can have found.
-fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), String> {
+fn check(depth: &PhotoDisparity, key: &DepthKey) -> Result<(), String> {
     let (nearest, farthest) = (1.0 / key.near, 1.0 / key.far);
     let pixel = depth.disparity_per_pixel;
     // The search counts at least one pixel of parallax between near and far.
@@ -268,7 +268,7 @@ fn check(depth: &PhotoDepth, key: &DepthKey) -> Result<(), String> {
 
 /// Reads the file of a depth of 7×5 pixels between 2 and 8, the bytes of its key all 7.
 #[cfg(fuzzing)]
-pub fn read_for_fuzzing(bytes: &[u8]) -> Result<PhotoDepth, String> {
+pub fn read_for_fuzzing(bytes: &[u8]) -> Result<PhotoDisparity, String> {
     let size = liveview::geometry::Size::new(7, 5);
     read(bytes, &DepthKey { digest: [7; 32], size, near: 2.0, far: 8.0 }).map_err(|damage| damage.to_string())
 }

@@ -15,7 +15,7 @@ use glam::{DMat3, DVec3};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::PhotoDepth;
+use crate::PhotoDisparity;
 use liveview::geometry::{Camera, PlaneSweep};
 use liveview::warp::{RUN, round_to_i32};
 
@@ -37,7 +37,7 @@ pub struct ConsistencyVotes(Array2<u8>);
 
 impl ConsistencyVotes {
     /// The votes of the map `other` on `map`.
-    pub fn new((camera, map): (&Camera, &PhotoDepth), (other_camera, other): (&Camera, &PhotoDepth)) -> Self {
+    pub fn new((camera, map): (&Camera, &PhotoDisparity), (other_camera, other): (&Camera, &PhotoDisparity)) -> Self {
         let sweep = PlaneSweep::new(other_camera, camera);
         let px = map.disparity_per_pixel;
         let margins = (AGREEMENT_PX * px, -CONTRADICTION_PX * px);
@@ -61,7 +61,7 @@ impl ConsistencyVotes {
 fn vote_row_with<'a, S: pulp::Simd>(
     _simd: S,
     points: &'a Projected,
-    other: &'a PhotoDepth,
+    other: &'a PhotoDisparity,
     (agreement, contradiction): (f32, f32),
     votes: &'a mut [u8],
 ) {
@@ -92,25 +92,25 @@ pub fn confirmed(votes: &[&ConsistencyVotes], shape: (usize, usize)) -> Array2<b
 
 /// What other maps confirm of a map.
 pub(crate) fn confirmed_by<'a>(
-    own: (&Camera, &PhotoDepth),
-    others: impl Iterator<Item = (&'a Camera, &'a PhotoDepth)>,
-) -> ConfirmedDepth {
+    own: (&Camera, &PhotoDisparity),
+    others: impl Iterator<Item = (&'a Camera, &'a PhotoDisparity)>,
+) -> ConfirmedDisparity {
     let votes: Vec<_> = others.map(|other| ConsistencyVotes::new(own, other)).collect();
-    ConfirmedDepth::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
+    ConfirmedDisparity::new(own.1, &confirmed(&votes.iter().collect::<Vec<_>>(), own.1.disparity.dim()))
 }
 
 /// Disparities of a photo that other photos confirm.
 #[derive(Debug, Clone)]
-pub struct ConfirmedDepth {
+pub struct ConfirmedDisparity {
     /// 1/scene unit, `[h, w]`; −1 where it is not confirmed.
     pub disparity: Array2<f32>,
-    /// Disparity that moves a point by one pixel ([`PhotoDepth::disparity_per_pixel`]).
+    /// Disparity that moves a point by one pixel ([`PhotoDisparity::disparity_per_pixel`]).
     pub disparity_per_pixel: f32,
 }
 
-impl ConfirmedDepth {
+impl ConfirmedDisparity {
     /// The confirmed pixels (`[h, w]`) of a depth map.
-    pub fn new(depth: &PhotoDepth, confirmed: &Array2<bool>) -> Self {
+    pub fn new(depth: &PhotoDisparity, confirmed: &Array2<bool>) -> Self {
         let keep = |&disparity: &f32, &confirmed: &bool| if confirmed { disparity } else { -1.0 };
         let disparity = ndarray::Zip::from(&depth.disparity).and(confirmed).map_collect(keep);
         Self { disparity, disparity_per_pixel: depth.disparity_per_pixel }
@@ -127,7 +127,7 @@ impl ConfirmedDepth {
 /// wide), 0 where the view's own confirmed depth, at the pixel that the point projects to, is nearer
 /// by `margin` (1/scene unit), −1 where it is farther by `margin`: the view sees past the point.
 pub(crate) fn visible(
-    (camera, depth): (&Camera, &ConfirmedDepth),
+    (camera, depth): (&Camera, &ConfirmedDisparity),
     target: &Camera,
     disparity: &[f32],
     width: usize,
@@ -148,7 +148,7 @@ pub(crate) fn visible(
 fn visible_row_with<'a, S: pulp::Simd>(
     _simd: S,
     points: &'a Projected,
-    depth: &'a ConfirmedDepth,
+    depth: &'a ConfirmedDisparity,
     margin: f32,
     seen: &'a mut [f32],
 ) {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::consistency::{confirmed, confirmed_by};
 use crate::correction::PairStatistics;
 use crate::nearer_edges::nearer_edges;
-use crate::{ConfirmedDepth, ConsistencyVotes, PhotoDepth};
+use crate::{ConfirmedDisparity, ConsistencyVotes, PhotoDisparity};
 use liveview::geometry::{Camera, facing_alike};
 use liveview::warp::SourceView;
 
@@ -31,11 +31,11 @@ pub struct DepthMaps {
     pub held_out: Vec<usize>,
     /// Nearest and farthest depth searched, scene units.
     range: (f64, f64),
-    maps: Vec<Option<Arc<PhotoDepth>>>,
+    maps: Vec<Option<Arc<PhotoDisparity>>>,
     votes: KeptVotes,
     /// Depths that the maps of the last set confirmed among each other, with the colours that its photos
     /// had then.
-    confirmed: Option<HashMap<usize, Arc<ConfirmedDepth>>>,
+    confirmed: Option<HashMap<usize, Arc<ConfirmedDisparity>>>,
     /// Mean share of the pixels of that set which are confirmed.
     pub(crate) confirmed_share: f64,
     /// Of the photos of that set.
@@ -74,7 +74,7 @@ impl DepthMaps {
     }
 
     /// Sets the depth of photo `index`, such as one read from a file.
-    pub fn insert(&mut self, index: usize, depth: PhotoDepth) {
+    pub fn insert(&mut self, index: usize, depth: PhotoDisparity) {
         self.maps[index] = Some(Arc::new(depth));
         self.votes.drop_photo(index);
         self.confirmed = None;
@@ -88,7 +88,7 @@ impl DepthMaps {
     }
 
     /// As [`Self::insert`], with the votes of [`Self::comparison`].
-    pub fn insert_compared(&mut self, index: usize, depth: PhotoDepth, votes: Votes) {
+    pub fn insert_compared(&mut self, index: usize, depth: PhotoDisparity, votes: Votes) {
         self.insert(index, depth);
         self.votes.extend(votes);
     }
@@ -103,13 +103,13 @@ impl DepthMaps {
     }
 
     /// The depth of photo `index`, unless it is missing.
-    pub fn get(&self, index: usize) -> Option<&PhotoDepth> {
+    pub fn get(&self, index: usize) -> Option<&PhotoDisparity> {
         self.maps[index].as_deref()
     }
 
     /// The depth of photo `index`, and where its neighbours' depths confirm it; `None` if it is
     /// missing. Neighbours without depth are left out.
-    pub fn confirmed_by_neighbours(&mut self, index: usize) -> Option<(Arc<PhotoDepth>, ConfirmedDepth)> {
+    pub fn confirmed_by_neighbours(&mut self, index: usize) -> Option<(Arc<PhotoDisparity>, ConfirmedDisparity)> {
         let depth = self.maps[index].clone()?;
         let confirmed = self.confirmed_by(index, &self.neighbours(index));
         Some((depth, confirmed))
@@ -118,7 +118,7 @@ impl DepthMaps {
     /// The depths of these photos (indices with cameras and photos), in their order, where they confirm
     /// each other; photos without depth are left out. At edges, depth is moved to the nearer side where
     /// others of the set show that ([`nearer_edges`]).
-    pub fn mutually_confirmed(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<Arc<ConfirmedDepth>> {
+    pub fn mutually_confirmed(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<Arc<ConfirmedDisparity>> {
         let photos: Vec<_> = photos.iter().copied().filter(|&(index, _)| self.maps[index].is_some()).collect();
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let of_this_set = |confirmed: &HashMap<usize, _>| {
@@ -138,7 +138,7 @@ impl DepthMaps {
 
     /// The depths of these photos, moved to the nearer side at edges, where they confirm each other; sorted
     /// by index: photos are passed by their distance from the target, and sums depend on the order.
-    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<(usize, ConfirmedDepth)> {
+    fn with_nearer_edges(&mut self, photos: &[(usize, SourceView<'_>)]) -> Vec<(usize, ConfirmedDisparity)> {
         let mut photos = photos.to_vec();
         photos.sort_unstable_by_key(|&(index, _)| index);
         photos.dedup_by_key(|&mut (index, _)| index);
@@ -147,7 +147,7 @@ impl DepthMaps {
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
         let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
         // One photo after another: each is computed in parallel, and allocates several maps of its size.
-        let nearer: Vec<PhotoDepth> =
+        let nearer: Vec<PhotoDisparity> =
             confirmed.iter().enumerate().map(|(which, confirmed)| nearer_edges(&found, which, confirmed)).collect();
         let map = |which: usize| (found[which].0.camera, &nearer[which]);
         let others = |which: usize| (0..found.len()).filter(move |&other| other != which).map(map);
@@ -156,13 +156,13 @@ impl DepthMaps {
     }
 
     /// Where the maps of `others` confirm that of photo `index`, which is not missing.
-    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDepth {
+    fn confirmed_by(&mut self, index: usize, others: &[usize]) -> ConfirmedDisparity {
         let depth = self.maps[index].as_ref().expect("a photo with depth");
         let others = others.iter().copied();
         let voters: Vec<usize> = others.filter(|&other| other != index && self.maps[other].is_some()).collect();
         let map = |index: usize| (&self.cameras[index], &**self.maps[index].as_ref().expect("a photo with depth"));
         let votes = self.votes.get_or_compute(index, &voters, |other| ConsistencyVotes::new(map(index), map(other)));
-        ConfirmedDepth::new(depth, &confirmed(&votes, depth.disparity.dim()))
+        ConfirmedDisparity::new(depth, &confirmed(&votes, depth.disparity.dim()))
     }
 }
 
@@ -171,14 +171,14 @@ impl DepthMaps {
 pub struct Comparison {
     photo: usize,
     camera: Camera,
-    others: Vec<(usize, Camera, Arc<PhotoDepth>)>,
+    others: Vec<(usize, Camera, Arc<PhotoDisparity>)>,
 }
 
 impl Comparison {
     /// The votes of the other maps on the photo's, and of the photo's on them.
-    pub fn votes(&self, depth: &PhotoDepth) -> Votes {
+    pub fn votes(&self, depth: &PhotoDisparity) -> Votes {
         let own = (&self.camera, depth);
-        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDepth>)| {
+        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDisparity>)| {
             let (other, other_map) = (*other, (camera, &**map));
             let pairs = [[other, self.photo], [self.photo, other]];
             pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
@@ -247,7 +247,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::photo_depth::PhotoDepth;
+    use crate::photo_depth::PhotoDisparity;
     use liveview::geometry::Camera;
     use liveview::geometry::Intrinsics;
 
@@ -255,7 +255,7 @@ mod tests {
     fn votes_used_last_stay() {
         let intrinsics = Intrinsics { fx: 4.0, fy: 4.0, cx: 4.0, cy: 2.0, skew: 0.0 };
         let camera = Camera::new(intrinsics, 8, 4, DMat3::IDENTITY, DVec3::ZERO).unwrap();
-        let depth = PhotoDepth::unknown(camera.size());
+        let depth = PhotoDisparity::unknown(camera.size());
         let compute = |_| ConsistencyVotes::new((&camera, &depth), (&camera, &depth));
         let mut votes = KeptVotes::default();
         votes.get_or_compute(0, &[1, 2, 3], compute);

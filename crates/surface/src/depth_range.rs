@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use crate::consistency::confirmed_by;
-use crate::{PhotoDepth, photo_depth};
+use crate::{PhotoDisparity, photo_depth};
 use liveview::warp::SourceView;
 
 /// Share of the confirmed disparities left out at either end.
@@ -49,7 +49,7 @@ fn confirmed_disparities(group: &[SourceView<'_>], near: f64, far: f64) -> Vec<f
         let neighbours: Vec<_> = others(photo).map(|other| group[other]).collect();
         photo_depth(&group[photo], &neighbours, near, far)
     };
-    let depths: Vec<PhotoDepth> = (0..group.len()).map(depth).collect();
+    let depths: Vec<PhotoDisparity> = (0..group.len()).map(depth).collect();
     let of_photo = |photo: usize| {
         let map = |photo: usize| (group[photo].camera, &depths[photo]);
         let confirmed = confirmed_by(map(photo), others(photo).map(map)).disparity;

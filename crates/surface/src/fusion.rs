@@ -20,7 +20,7 @@
 use ndarray::Array2;
 use rayon::prelude::*;
 
-use crate::ConfirmedDepth;
+use crate::ConfirmedDisparity;
 use crate::consistency::{Projected, project_row, visible};
 use crate::neighbourhood::{extremes3, fill_holes, median3};
 use crate::parallax::widest_parallax;
@@ -53,11 +53,16 @@ pub struct Surface {
     /// Disparity that moves a point by one pixel in the view with the largest parallax, 1/scene
     /// unit.
     pub disparity_per_pixel: f32,
-    /// Share (0 to 1) of the target without a confirmed depth.
-    pub holes: f64,
+    /// Which pixels are a guess: holes, to which no depth is carried that two photos confirm, `[h, w]`.
+    pub guessed: Array2<bool>,
 }
 
 impl Surface {
+    /// The share of guessed pixels, 0 to 1.
+    pub fn guessed_share(&self) -> f64 {
+        self.guessed.iter().filter(|&&guessed| guessed).count() as f64 / self.guessed.len() as f64
+    }
+
     /// `count` layers near → far: one follows the surface; two are its largest and its smallest
     /// disparity over 3×3 pixels, three these with the surface between them; more divide that range
     /// evenly (k-th of L: near + k/(L − 1)·(far − near), in f32).
@@ -94,9 +99,11 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     let sources = warp_sources(views, target);
     let disparity_per_pixel = disparity_per_pixel(&sources, size, near, far);
     let splatted = splat_confirmed(views, target, disparity_per_pixel);
-    let holes = splatted.iter().filter(|&&d| d < 0.0).count() as f64 / splatted.len() as f64;
+    let guessed = splatted.iter().map(|&disparity| disparity < 0.0).collect();
+    let guessed = Array2::from_shape_vec((size.height, size.width), guessed).expect("one per pixel");
+    let surface = Surface { disparity: Array2::zeros(guessed.dim()), disparity_per_pixel, guessed };
     let mut filled = fill_holes(&splatted, size.width);
-    if searches_holes && holes > SEARCHED_HOLE_SHARE {
+    if searches_holes && surface.guessed_share() > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
@@ -119,7 +126,7 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     }
     let disparity = median3(&filled, size.width);
     let disparity = Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel");
-    Surface { disparity, disparity_per_pixel, holes }
+    Surface { disparity, ..surface }
 }
 
 /// The views for the warp to `target`, with their gains.
@@ -144,7 +151,7 @@ pub(crate) fn splat_confirmed(views: &[SurfaceView<'_>], target: &Camera, dispar
     splat(&maps, target, padded(target.size()), margins, Single::Kept)
 }
 
-fn depth_maps<'a>(views: &[SurfaceView<'a>]) -> Vec<(&'a Camera, &'a ConfirmedDepth)> {
+fn depth_maps<'a>(views: &[SurfaceView<'a>]) -> Vec<(&'a Camera, &'a ConfirmedDisparity)> {
     views.iter().map(|v| (v.view.camera, v.confirmed)).collect()
 }
 
@@ -154,7 +161,7 @@ pub struct SurfaceView<'a> {
     /// Camera and photo.
     pub view: SourceView<'a>,
     /// The photo's depth where other photos confirm it.
-    pub confirmed: &'a ConfirmedDepth,
+    pub confirmed: &'a ConfirmedDisparity,
     /// Factor of each colour channel ([`crate::stages::exposure_gains`]).
     pub gains: [f32; 3],
 }

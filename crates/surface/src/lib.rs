@@ -46,11 +46,11 @@ mod tests;
 
 pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth_in_scene};
 pub use carried_surface::{Region, dirty_regions};
-pub use consistency::{ConfirmedDepth, ConsistencyVotes};
+pub use consistency::{ConfirmedDisparity, ConsistencyVotes};
 pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
 pub use depth_range::depth_range;
 pub use fusion::Surface;
-pub use photo_depth::{PhotoDepth, photo_depth};
+pub use photo_depth::{PhotoDisparity, photo_depth};
 pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};
 
 /// What a frame reuses of the one before.

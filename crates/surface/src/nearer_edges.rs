@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::fusion::{AVERAGED_PX, SAME_SURFACE_PX, Single, splat};
 use crate::neighbourhood::share_of_known;
-use crate::{ConfirmedDepth, PhotoDepth};
+use crate::{ConfirmedDisparity, PhotoDisparity};
 use liveview::geometry::Size;
 use liveview::warp::{NO_GAINS, RUN, SamplePositions, SourceView, Texture, WarpSource, sample, warp_sources};
 
@@ -39,7 +39,11 @@ const INSIDE: f32 = 1.0 - 1e-4;
 
 /// The depth of photo `which` of a set, moved to the nearer side at edges; `confirmed` is what the
 /// others of the set confirm of it.
-pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirmed: &ConfirmedDepth) -> PhotoDepth {
+pub fn nearer_edges(
+    set: &[(SourceView<'_>, &PhotoDisparity)],
+    which: usize,
+    confirmed: &ConfirmedDisparity,
+) -> PhotoDisparity {
     let (view, depth) = set[which];
     let (size, px) = (view.camera.size(), depth.disparity_per_pixel);
     let others = || set.iter().enumerate().filter(|&(index, _)| index != which).map(|(_, other)| other);
@@ -58,7 +62,7 @@ pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirm
     let candidates: Vec<usize> = (0..own.len()).into_par_iter().filter(|&at| is_candidate(at)).collect();
     let mut disparity = depth.disparity.clone();
     if candidates.is_empty() {
-        return PhotoDepth { disparity, disparity_per_pixel: px };
+        return PhotoDisparity { disparity, disparity_per_pixel: px };
     }
     let filled: Vec<f32> =
         nearer.iter().zip(own).map(|(&nearer, &own)| if nearer < 0.0 { own } else { nearer }).collect();
@@ -74,7 +78,7 @@ pub fn nearer_edges(set: &[(SourceView<'_>, &PhotoDepth)], which: usize, confirm
             values[at] = nearer[at];
         }
     }
-    PhotoDepth { disparity, disparity_per_pixel: px }
+    PhotoDisparity { disparity, disparity_per_pixel: px }
 }
 
 /// Whether disparities of a map with rows `width` wide differ by more than `least` within

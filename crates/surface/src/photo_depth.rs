@@ -43,13 +43,13 @@ pub(crate) const FINE_PER_COARSE: usize = 2;
 
 /// Searches the depth of `photo` among its `neighbours` (at least one), from `near` to `far` (scene
 /// units).
-pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDepth {
+pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: f64, far: f64) -> PhotoDisparity {
     let views: Vec<_> = std::iter::once(photo).chain(neighbours).copied().collect();
     refined(&views, CellSearch::of_full_size(&views, CELL, (near, far), || None))
 }
 
 /// The second search of the first of these photos, around the result of the first search.
-pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth {
+pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDisparity {
     let (photo, neighbours) = views.split_first().expect("a photo");
     let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
     let fine = grid.divided(FINE_PER_COARSE);
@@ -60,7 +60,7 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDepth
     let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
     let volume = costs(&reference, &sources, &fine, candidates, None);
     let index = smooth_index(&volume, &reference, &fine, candidates);
-    PhotoDepth::at(&index, reference.width, &fine, disparity_per_pixel)
+    PhotoDisparity::at(&index, reference.width, &fine, disparity_per_pixel)
 }
 
 /// First indices of the two segments of each cell, from the coarse indices that were found (rows
@@ -121,7 +121,7 @@ impl CellSearch {
         views: &[SourceView<'_>],
         cell: usize,
         (near, far): (f64, f64),
-        coarser: impl FnOnce() -> Option<PhotoDepth>,
+        coarser: impl FnOnce() -> Option<PhotoDisparity>,
     ) -> Self {
         let (photo, neighbours) = views.split_first().expect("a photo");
         let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
@@ -147,7 +147,7 @@ impl CellSearch {
         views: &[SourceView<'_>],
         cell: usize,
         range: (f64, f64),
-        coarser: impl FnOnce() -> Option<PhotoDepth>,
+        coarser: impl FnOnce() -> Option<PhotoDisparity>,
     ) -> Self {
         let textures: Vec<Texture> = views.par_iter().map(|view| view.texture.shrunk(cell)).collect();
         let by_cells = views.iter().zip(&textures).map(|(view, texture)| SourceView { texture, ..*view });
@@ -167,8 +167,8 @@ impl CellSearch {
     }
 
     /// The depth of each cell.
-    pub(crate) fn depth(&self) -> PhotoDepth {
-        PhotoDepth::at(&self.index, self.photo.width, &self.grid, self.disparity_per_pixel)
+    pub(crate) fn depth(&self) -> PhotoDisparity {
+        PhotoDisparity::at(&self.index, self.photo.width, &self.grid, self.disparity_per_pixel)
     }
 }
 
@@ -179,7 +179,7 @@ fn smooth_index(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidat
 
 /// Result of a photo's search, before other photos confirm it.
 #[derive(Debug, Clone)]
-pub struct PhotoDepth {
+pub struct PhotoDisparity {
     /// Disparity of each pixel, `[h, w]`, 1/scene unit.
     pub disparity: Array2<f32>,
     /// Disparity that moves a point by one pixel in the neighbour with the largest parallax,
@@ -187,7 +187,7 @@ pub struct PhotoDepth {
     pub disparity_per_pixel: f32,
 }
 
-impl PhotoDepth {
+impl PhotoDisparity {
     /// From the index found at each cell, rows `width` wide, a fraction between two of the grid.
     pub(crate) fn at(index: &[f32], width: usize, grid: &Grid, disparity_per_pixel: f32) -> Self {
         let disparity = index.iter().map(|&index| grid.disparity(index)).collect();

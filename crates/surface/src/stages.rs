@@ -13,7 +13,7 @@ use crate::grid::{Candidates, Grid, Planes};
 use crate::photo_depth::Anchors;
 use crate::photo_sweep::costs;
 use crate::target_search::{self, SeenSurface, TargetSearch};
-use crate::{ConfirmedDepth, PhotoDepth, SmallPhoto, consistency, grid, neighbourhood, photo_depth};
+use crate::{ConfirmedDisparity, PhotoDisparity, SmallPhoto, consistency, grid, neighbourhood, photo_depth};
 use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::layers::padded;
 use liveview::warp::{SourceView, Texture, WarpSource};
@@ -102,13 +102,13 @@ pub fn disparity(index: &Array2<f32>, search: &Search<'_>) -> Array2<f32> {
 
 /// The depth `[h/4, w/4]` of the first of these photos at the small size, searched among the others (at
 /// least one) from near to far (scene units).
-pub fn small_map(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDepth {
+pub fn small_map(views: &[SourceView<'_>], range: (f64, f64)) -> PhotoDisparity {
     let photos: Vec<SmallPhoto> = views.iter().map(|view| SmallPhoto::new(view, 1)).collect();
     anchored_depth::small_map(&photos.iter().collect::<Vec<_>>(), range)
 }
 
 /// What the others of a group confirm of each of its maps; the cameras are those of the full size.
-pub fn group_confirmed(cameras: &[&Camera], maps: &[PhotoDepth]) -> Vec<ConfirmedDepth> {
+pub fn group_confirmed(cameras: &[&Camera], maps: &[PhotoDisparity]) -> Vec<ConfirmedDisparity> {
     Group::of(cameras, maps.to_vec()).confirmed
 }
 
@@ -116,9 +116,9 @@ pub fn group_confirmed(cameras: &[&Camera], maps: &[PhotoDepth]) -> Vec<Confirme
 /// cells are kept, and the disparity that each is drawn to (−1: none), `[h/2, w/2]`.
 pub fn anchors(
     cameras: &[&Camera],
-    maps: &[PhotoDepth],
-    confirmed: Vec<ConfirmedDepth>,
-    found: &PhotoDepth,
+    maps: &[PhotoDisparity],
+    confirmed: Vec<ConfirmedDisparity>,
+    found: &PhotoDisparity,
 ) -> (Array2<bool>, Array2<f32>) {
     let mut group = Group::of(cameras, maps.to_vec());
     group.confirmed = confirmed;
@@ -167,7 +167,12 @@ pub fn fill_holes(values: &Array2<f32>) -> Array2<f32> {
 
 /// 1 where the view sees the point of each pixel of the target at `disparity`, 0 where it is
 /// occluded, −1 where the view sees past it; `margin` in 1/scene unit.
-pub fn visible(view: (&Camera, &ConfirmedDepth), target: &Camera, disparity: &Array2<f32>, margin: f32) -> Array2<f32> {
+pub fn visible(
+    view: (&Camera, &ConfirmedDisparity),
+    target: &Camera,
+    disparity: &Array2<f32>,
+    margin: f32,
+) -> Array2<f32> {
     map(consistency::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
 

@@ -25,7 +25,7 @@
 use ndarray::{Array2, Array3, ArrayView3};
 use rayon::prelude::*;
 
-use crate::ConfirmedDepth;
+use crate::ConfirmedDisparity;
 use crate::consistency::visible;
 use crate::fusion::SurfaceView;
 use crate::matching::{Penalties, semi_global, window_variance, winner_takes_all};
@@ -102,11 +102,11 @@ impl TargetSearch<'_> {
         };
         let sources: Vec<_> = self.sources.iter().zip(&textures).map(shrunk).collect();
         let confirmed = |view: &SurfaceView<'_>| {
-            let ConfirmedDepth { disparity, disparity_per_pixel } = view.confirmed;
+            let ConfirmedDisparity { disparity, disparity_per_pixel } = view.confirmed;
             let disparity = cell_medians(disparity.as_slice().expect("standard order"), disparity.ncols());
-            (view.view.camera.shrunk(CELL), ConfirmedDepth { disparity, disparity_per_pixel: *disparity_per_pixel })
+            (view.view.camera.shrunk(CELL), ConfirmedDisparity { disparity, disparity_per_pixel: *disparity_per_pixel })
         };
-        let maps: Vec<(Camera, ConfirmedDepth)> = self.views.par_iter().map(confirmed).collect();
+        let maps: Vec<(Camera, ConfirmedDisparity)> = self.views.par_iter().map(confirmed).collect();
         let (target, anchors) = (self.target.shrunk(CELL), cell_medians(self.splatted, self.size.width));
         let cells = Size::new(self.size.width / CELL, self.size.height / CELL);
         let mut costs = Array3::zeros((planes.len(), cells.height, cells.width));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::correction::{balanced, gains_to_first, sharpening_with};
 use crate::fusion::{OCCLUSION_MARGIN_PX, SurfaceView, surface};
-use crate::{ConfirmedDepth, DepthMaps, Surface};
+use crate::{ConfirmedDisparity, DepthMaps, Surface};
 use liveview::geometry::{Camera, distance};
 use liveview::render::{ViewCorrection, Visibility};
 use liveview::warp::{NO_GAINS, SourceView};
@@ -46,7 +46,7 @@ pub struct TargetSurface {
     /// The surface.
     pub surface: Surface,
     /// The confirmed depth of each view's photo.
-    confirmed: Vec<Arc<ConfirmedDepth>>,
+    confirmed: Vec<Arc<ConfirmedDisparity>>,
     /// Correction `[V]` of the views' photos.
     pub corrections: Vec<ViewCorrection>,
     /// Mean share, 0 to 1, of the photos' pixels (of its views and helpers) whose depth other photos
@@ -78,7 +78,7 @@ impl TargetSurface {
     /// Whether any of the photos' depth was carried to the target. Without any confirmed depth, the
     /// photos say nothing of what it sees, and the surface is that of the search at the target.
     fn is_seen(&self) -> bool {
-        1.0 - self.surface.holes >= MIN_CARRIED * self.confirmed_share
+        1.0 - self.surface.guessed_share() >= MIN_CARRIED * self.confirmed_share
     }
 
     /// The part of a depth range (near, far; scene units) in which the target sees something; all of it
@@ -120,7 +120,7 @@ pub fn photo_corrections(
 }
 
 /// Photos with their confirmed depth and their colours unchanged.
-fn views<'a>(photos: &[(usize, SourceView<'a>)], confirmed: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
+fn views<'a>(photos: &[(usize, SourceView<'a>)], confirmed: &'a [Arc<ConfirmedDisparity>]) -> Vec<SurfaceView<'a>> {
     let view = |(&(_, view), confirmed)| SurfaceView { view, confirmed, gains: NO_GAINS };
     photos.iter().zip(confirmed.iter().map(Arc::as_ref)).map(view).collect()
 }

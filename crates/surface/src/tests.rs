@@ -76,8 +76,8 @@ impl Rig {
     }
 
     /// The first photos, with their confirmed depth.
-    fn surface_views<'a>(&'a self, confirmed: &'a [Arc<ConfirmedDepth>]) -> Vec<SurfaceView<'a>> {
-        let view = |(k, confirmed): (usize, &'a Arc<ConfirmedDepth>)| SurfaceView {
+    fn surface_views<'a>(&'a self, confirmed: &'a [Arc<ConfirmedDisparity>]) -> Vec<SurfaceView<'a>> {
+        let view = |(k, confirmed): (usize, &'a Arc<ConfirmedDisparity>)| SurfaceView {
             view: self.view(k),
             confirmed,
             gains: NO_GAINS,
@@ -209,7 +209,7 @@ fn depth_inserted_with_its_votes_is_confirmed_alike() {
 
 #[test]
 fn confirmed_contradicted_depth_is_rejected() {
-    let flat = |disparity: f32| PhotoDepth {
+    let flat = |disparity: f32| PhotoDisparity {
         disparity: Array2::from_elem((HEIGHT, WIDTH), disparity),
         disparity_per_pixel: 0.02,
     };
@@ -226,7 +226,7 @@ fn confirmed_contradicted_depth_is_rejected() {
 #[test]
 fn depth_beside_an_edge_becomes_nearer_where_two_photos_and_the_colours_say_so() {
     let rig = Rig::new();
-    let truth = |x: f64| PhotoDepth {
+    let truth = |x: f64| PhotoDisparity {
         disparity: Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| ground_truth(x, column, row).0 as f32),
         disparity_per_pixel: 0.08,
     };
@@ -239,9 +239,9 @@ fn depth_beside_an_edge_becomes_nearer_where_two_photos_and_the_colours_say_so()
         });
         map
     };
-    let moved = |maps: &[PhotoDepth; 3], confirmed: bool| {
+    let moved = |maps: &[PhotoDisparity; 3], confirmed: bool| {
         let set: Vec<_> = maps.iter().enumerate().map(|(index, map)| (rig.view(index), map)).collect();
-        let confirmed = ConfirmedDepth::new(&maps[0], &Array2::from_elem((HEIGHT, WIDTH), confirmed));
+        let confirmed = ConfirmedDisparity::new(&maps[0], &Array2::from_elem((HEIGHT, WIDTH), confirmed));
         nearer_edges(&set, 0, &confirmed).disparity
     };
     let [right, narrow] = [SQUARE, WALL].map(|square| with_columns(PLACES[0], square, WALL));
@@ -260,7 +260,7 @@ fn depth_beside_an_edge_becomes_nearer_where_two_photos_and_the_colours_say_so()
 #[test]
 fn visible_point_behind_the_views_own_depth_is_hidden() {
     let target = camera(0.0);
-    let mut map = ConfirmedDepth { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), disparity_per_pixel: 0.01 };
+    let mut map = ConfirmedDisparity { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.1), disparity_per_pixel: 0.01 };
     map.disparity[(10, 20)] = 0.5;
     map.disparity[(10, 21)] = -1.0;
     let seen = visible((&target, &map), &target, &[0.1; WIDTH * HEIGHT], WIDTH, 0.05);

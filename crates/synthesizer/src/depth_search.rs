@@ -11,7 +11,7 @@ use crate::{DepthSource, SynthesisError};
 use liveview::warp::{SourceView, Texture};
 use liveview_scene::Scene;
 use liveview_surface::cache::{DepthCache, DepthKey, PhotoDigest};
-use liveview_surface::{Comparison, PhotoDepth, SmallMaps, SmallPhoto, Votes, anchored_depth_in_scene};
+use liveview_surface::{Comparison, PhotoDisparity, SmallMaps, SmallPhoto, Votes, anchored_depth_in_scene};
 
 /// A search for the depth of a view's photo, to be run on any thread
 /// ([`crate::ScenePhotos::depth_search`]).
@@ -49,7 +49,7 @@ pub(crate) struct SearchedPhoto {
 pub struct FoundDepth {
     pub(crate) held_out: Vec<usize>,
     pub(crate) photos: Vec<SearchedPhoto>,
-    pub(crate) depth: PhotoDepth,
+    pub(crate) depth: PhotoDisparity,
     pub(crate) votes: Votes,
     pub(crate) source: DepthSource,
     pub(crate) time: Duration,
@@ -88,7 +88,7 @@ impl DepthSearch {
         let started = Instant::now();
         let (depth, source) = match sources[..] {
             // Without neighbours there is nothing to find, and the depth is unknown everywhere.
-            [photo] => (PhotoDepth::unknown(photo.camera.size()), DepthSource::Alone),
+            [photo] => (PhotoDisparity::unknown(photo.camera.size()), DepthSource::Alone),
             _ => {
                 let small = |view, detail| -> Result<_, SynthesisError> {
                     Ok(SmallPhoto::new(&self.photo(view).read(&self.scene)?.source(), detail))
@@ -105,7 +105,7 @@ impl DepthSearch {
         Ok(self.found(depth, source, time, notes))
     }
 
-    fn found(self, depth: PhotoDepth, source: DepthSource, time: Duration, notes: Vec<String>) -> FoundDepth {
+    fn found(self, depth: PhotoDisparity, source: DepthSource, time: Duration, notes: Vec<String>) -> FoundDepth {
         let votes = self.comparison.votes(&depth);
         let photos = self.photos.into_iter().chain(self.further).collect();
         FoundDepth { held_out: self.held_out, photos, depth, votes, source, time, notes }

@@ -19,6 +19,7 @@ pub mod colormap;
 mod depth_search;
 mod error;
 mod find_layers;
+pub mod guessed;
 mod layer_spec;
 mod memory;
 mod metrics;
@@ -40,7 +41,7 @@ pub use layer_spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
 pub use liveview::{Camera, Frame, ImageRgb};
 pub use liveview_scene::{Scene, SceneOptions};
 pub use liveview_surface::{PhotoCorrection, TargetSurface};
-pub use metrics::{Score, psnr, ssim};
+pub use metrics::{Score, psnr, psnr_covered, ssim};
 pub use model::{
     MAX_THREADS, Model, ModelNotFound, ModelOptions, OpenedRenderer, Options, ThreadsError, check_threads, find_model,
     recommended_layers,

@@ -1,6 +1,6 @@
 //! PSNR and SSIM of a picture against the ground truth, over all channels, values in [0, 1].
 
-use liveview::ImageRgb;
+use liveview::{Frame, ImageRgb};
 
 /// PSNR and SSIM of a picture against the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,6 +21,39 @@ impl Score {
         let score = Self { psnr: psnr(picture, truth, Self::BORDER), ssim: ssim(picture, truth, Self::BORDER) };
         (!score.psnr.is_nan() && !score.ssim.is_nan()).then_some(score)
     }
+
+    /// The score of the picture that is delivered: inpainted ([`Frame::picture`]), in 8 bits as in a PNG file.
+    pub fn of_delivered(frame: &Frame, truth: &ImageRgb) -> Option<Self> {
+        Self::of(&delivered(frame), truth)
+    }
+}
+
+/// The picture of a frame as a PNG file has it.
+fn delivered(frame: &Frame) -> ImageRgb {
+    ImageRgb::from_array_u8(frame.picture().to_array_u8().view()).expect("three channels")
+}
+
+/// PSNR in dB of the delivered picture over the pixels that some view covers, without the border; `None` if all
+/// pixels are covered, or none of the inner ones.
+pub fn psnr_covered(frame: &Frame, truth: &ImageRgb) -> Option<f64> {
+    let (picture, border) = (delivered(frame), Score::BORDER);
+    if picture.size() != truth.size() || frame.transmittance.iter().all(|&share| share < 0.5) {
+        return None;
+    }
+    let (height, width) = frame.transmittance.dim();
+    let inner = |(y, x)| {
+        (border..height.saturating_sub(border)).contains(&y) && (border..width.saturating_sub(border)).contains(&x)
+    };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for ((at, _), (a, b)) in
+        frame.transmittance.indexed_iter().zip(picture.data().chunks(3).zip(truth.data().chunks(3)))
+    {
+        if inner(at) && frame.transmittance[at] < 0.5 {
+            sum += a.iter().zip(b).map(|(&x, &y)| f64::from(x - y).powi(2)).sum::<f64>();
+            count += 3.0;
+        }
+    }
+    (count > 0.0).then(|| -10.0 * (sum / count).log10())
 }
 
 /// Peak signal-to-noise ratio in dB, excluding a `border` (pixels) on each side. Infinite for equal

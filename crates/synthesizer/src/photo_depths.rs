@@ -11,7 +11,7 @@ use crate::depth_search::SearchedPhoto;
 use crate::{DepthSearch, FoundDepth, LoadedShot, PhotosWithDepth, ScenePhotos, SceneViews, Shot, SynthesisError};
 use liveview::Camera;
 use liveview_surface::cache::{DepthCache, PhotoDigest};
-use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth, SmallMaps};
+use liveview_surface::{ConfirmedDisparity, DepthMaps, PhotoDisparity, SmallMaps};
 
 impl ScenePhotos {
     /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier
@@ -212,9 +212,9 @@ pub enum DepthSource {
 #[non_exhaustive]
 pub struct ViewDepth {
     /// What the search found.
-    pub found: Arc<PhotoDepth>,
+    pub found: Arc<PhotoDisparity>,
     /// Of that, what the depths of the photo's neighbours confirm.
-    pub confirmed: ConfirmedDepth,
+    pub confirmed: ConfirmedDisparity,
     /// Nearest and farthest depth searched, scene units.
     pub range: (f64, f64),
     /// How it was found.

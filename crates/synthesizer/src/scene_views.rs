@@ -68,8 +68,8 @@ impl SceneViews {
         (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect()
     }
 
-    /// Indices of the `count` views nearest to the target, nearest first, without those held out.
-    /// `name` is the target's, for errors.
+    /// Indices of the `count` views to render the target from, nearest first, without those held out
+    /// ([`choose_views`]); those in `kept` rather than others. `name` is the target's, for errors.
     ///
     /// # Errors
     ///
@@ -80,10 +80,12 @@ impl SceneViews {
         target: &Camera,
         held_out: &[usize],
         count: usize,
+        kept: &[usize],
     ) -> Result<Vec<usize>, SynthesisError> {
         let free = self.all_but(held_out);
         let cameras: Vec<&Camera> = self.cameras(&free).collect();
-        let chosen = choose_views(&cameras, target, count).map_err(|source| SynthesisError::Views {
+        let kept: Vec<usize> = (0..free.len()).filter(|&view| kept.contains(&free[view])).collect();
+        let chosen = choose_views(&cameras, target, count, &kept).map_err(|source| SynthesisError::Views {
             target: format!("{}: {name}", self.scene.root.display()),
             source,
         })?;
@@ -136,8 +138,8 @@ impl SceneViews {
 
     /// Chooses the `count` views and the depth range of each target: `given` (near, far; scene
     /// units), or by [`Self::depth_range`]. The frames of a path share one range; that of a single
-    /// target is refined for planes unless it is given. Each target also gets up to `helpers` further
-    /// views.
+    /// target is refined for planes unless it is given, and a frame keeps the views of the one before unless
+    /// others are clearly better. Each target also gets up to `helpers` further views.
     ///
     /// # Errors
     ///
@@ -150,14 +152,18 @@ impl SceneViews {
         given: Option<(f64, f64)>,
     ) -> Result<Vec<Shot>, SynthesisError> {
         let held_out = &targets.held_out;
-        let choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
-            let views = self.choose(&target.name, &target.camera, held_out, count)?;
-            let more = (1..=helpers).rev().find_map(|more| {
-                self.choose(&target.name, &target.camera, held_out, count + more).ok().map(|all| all[count..].to_vec())
-            });
-            Ok((views, more.unwrap_or_default()))
+        let mut kept = Vec::new();
+        let mut choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
+            let choose = |count| self.choose(&target.name, &target.camera, held_out, count, &kept);
+            let views = choose(count)?;
+            let mut all = (1..=helpers).rev().find_map(|more| choose(count + more).ok()).unwrap_or_default();
+            all.retain(|view| !views.contains(view));
+            if targets.moving {
+                kept.clone_from(&views);
+            }
+            Ok((views, all))
         };
-        let views = targets.list.iter().map(choose).collect::<Result<Vec<_>, _>>()?;
+        let views = targets.list.iter().map(&mut choose).collect::<Result<Vec<_>, _>>()?;
         let range = |views: &[usize]| given.map_or_else(|| self.depth_range(views, held_out), Ok);
         let all = || views.iter().flat_map(|(views, _)| views.iter().copied()).collect::<Vec<_>>();
         let shared = if targets.moving { Some(range(&all())?) } else { None };

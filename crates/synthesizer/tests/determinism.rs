@@ -35,7 +35,7 @@ impl Rig {
         let target = scene.views[held_out].camera.clone();
         let others: Vec<usize> = (0..scene.views.len()).filter(|&view| view != held_out).collect();
         let cameras: Vec<_> = others.iter().map(|&view| &scene.views[view].camera).collect();
-        let nearest = choose_views(&cameras, &target, 4).unwrap().into_iter().map(|i| others[i]);
+        let nearest = choose_views(&cameras, &target, 4, &[]).unwrap().into_iter().map(|i| others[i]);
         let view = |i: usize| (scene.views[i].camera.clone(), Texture::new(&scene.load_image(i).unwrap()));
         Self { target, views: nearest.map(view).collect() }
     }

@@ -17,7 +17,7 @@ from ..paths import MODELS, ROOT
 from ..reference.guided import search_planes
 from ..reference.liveview import Camera, UNet, uniform_disparities
 from ..reference.surface.depth_range import found_range
-from ..reference.surface.photo_depth import PhotoDepth
+from ..reference.surface.photo_depth import PhotoDisparity
 from ..reference.surface.render import neighbours_of
 from ..reference.undistort import Distortion, undistort
 from ..reference.views import choose_views
@@ -151,7 +151,7 @@ def searches(rendered: Rendered, photos: int | None) -> Iterator[Compared]:
             found = neighbours(cameras, rendered.free.index(member))
             yield exact("neighbours", [rendered.free[other] for other in found], rendered.neighbours(member))
         groups = [rendered.views([member, *rendered.neighbours(member)]) for member in members]
-        depth = PhotoDepth(rendered.data[f"depth{i}"], float(rendered.data["pixel"][i]))
+        depth = PhotoDisparity(rendered.data[f"depth{i}"], float(rendered.data["pixel"][i]))
         if len(members) > 1:
             yield from surface.photo_search(groups, span, depth)
 

@@ -18,14 +18,14 @@ from ..reference.liveview import Camera, padded_size, view_distances
 from ..reference.surface.aggregate import aggregate
 from ..reference.surface.anchored_depth import GROUP_PIXELS, LARGER_CELL, SMALL_CELL, Group, confirmed_by
 from ..reference.surface.correction import exposure_gains, sharpening
-from ..reference.surface.fusion import AGREEMENT, FUSED, ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat
+from ..reference.surface.fusion import AGREEMENT, FUSED, ConfirmedDisparity, SurfaceView, confirmed, nearer_edges, splat
 from ..reference.surface.photo_depth import (
     CELL,
     FINE_STEPS,
     LEAST_PLANES,
     MOST_PLANES,
     Anchors,
-    PhotoDepth,
+    PhotoDisparity,
     bands,
     pixel_of,
     planes_of,
@@ -134,11 +134,11 @@ def first_search(search: CellSearch) -> Generator[Compared, None, tuple[np.ndarr
     return volume, (yield from search.median("half_index", found))
 
 
-def small_map(views: list[View], span: Span) -> Generator[Compared, None, PhotoDepth]:
+def small_map(views: list[View], span: Span) -> Generator[Compared, None, PhotoDisparity]:
     """The map of the first of these photos at the small size, searched among the others."""
     camera, *around = (camera for _, camera in views)
     grid, pixel = planes_of(camera, around, *span, SMALL_CELL)
-    map_ = PhotoDepth(*inner.small_map(views, *span))
+    map_ = PhotoDisparity(*inner.small_map(views, *span))
     yield Compared.of("pixel", (map_.pixel, pixel, pixel), "maps", scaled=True)
     search = CellSearch(views, span, grid, SMALL_CELL)
     if has_many_planes(grid):
@@ -154,7 +154,7 @@ def small_map(views: list[View], span: Span) -> Generator[Compared, None, PhotoD
     return map_
 
 
-def photo_search(groups: list[list[View]], span: Span, depth: PhotoDepth) -> Iterator[Compared]:
+def photo_search(groups: list[list[View]], span: Span, depth: PhotoDisparity) -> Iterator[Compared]:
     """The search of a photo's depth. `groups`: the photo and those that it is matched with, each
     with those that it is matched with itself; `depth`: what Rust found."""
     views = groups[0]
@@ -179,7 +179,7 @@ def photo_search(groups: list[list[View]], span: Span, depth: PhotoDepth) -> Ite
     kept, anchor = inner.anchors(cameras, maps, sure, (search.disparity(index), depth.pixel))
 
     def anchors(members: list, sure: list[Tensor], index: Tensor) -> Anchors:
-        own = PhotoDepth(grid.disparity(index), depth.pixel)
+        own = PhotoDisparity(grid.disparity(index), depth.pixel)
         return Group(members, sure).anchors(cameras[0].shrunk(CELL), own)
 
     yield from rows(("kept", "anchor"), (kept, anchor), anchors, members, sure, index, entry=SURFACE)
@@ -200,7 +200,7 @@ def photo_search(groups: list[list[View]], span: Span, depth: PhotoDepth) -> Ite
 
 
 def second_search(
-    views: list[View], span: Span, grid: Grid, index: np.ndarray, depth: PhotoDepth
+    views: list[View], span: Span, grid: Grid, index: np.ndarray, depth: PhotoDisparity
 ) -> Iterator[Compared]:
     """At full resolution, around the index that the first search found; `depth`: the result."""
     fine = grid.divided(FINE_STEPS)
@@ -212,12 +212,12 @@ def second_search(
     yield search.depth("depth", depth.disparity, (yield from search.median("fine_index", found)), lambda index: index)
 
 
-def confirmed_in_group(own: tuple[Camera, PhotoDepth], others: list[tuple[Camera, PhotoDepth]]) -> Tensor:
+def confirmed_in_group(own: tuple[Camera, PhotoDisparity], others: list[tuple[Camera, PhotoDisparity]]) -> Tensor:
     return confirmed_by(own, others, GROUP_PIXELS) >= 0
 
 
 def surface_views(
-    views: list[View], depths: list[ConfirmedDepth], gains: np.ndarray | None = None
+    views: list[View], depths: list[ConfirmedDisparity], gains: np.ndarray | None = None
 ) -> list[SurfaceView]:
     """The photos with their confirmed depth; gains [V, 3] are 1 by default."""
     gains = torch.ones(len(views), 3) if gains is None else torch.from_numpy(gains)
@@ -231,25 +231,25 @@ def target_pixel(views: list[View], target: Camera, span: Span) -> float:
 
 
 def confirmation(
-    views: list[View], depths: list[PhotoDepth], used: list[np.ndarray]
-) -> Generator[Compared, None, list[ConfirmedDepth]]:
+    views: list[View], depths: list[PhotoDisparity], used: list[np.ndarray]
+) -> Generator[Compared, None, list[ConfirmedDisparity]]:
     """What other photos confirm of each photo's depth, before and after edges move to the nearer
     side. `used`: of the first photos, the result as Rust used it."""
     cameras, results = [camera for _, camera in views], []
 
-    def confirmed_of(maps: list[PhotoDepth], i: int) -> np.ndarray:
+    def confirmed_of(maps: list[PhotoDisparity], i: int) -> np.ndarray:
         return liveview.confirmed(i, list(zip(cameras, maps, strict=True)))
 
     sure = [confirmed_of(depths, i) for i in range(len(views))]
     for i, one in enumerate(sure):
         yield row("confirmed", one, confirmed, i, list(zip(cameras, depths, strict=True)), entry=SURFACE)
     moved = [inner.nearer_edges(i, views, depths, one) for i, one in enumerate(sure)]
-    nearer = [PhotoDepth(map_, depth.pixel) for map_, depth in zip(moved, depths, strict=True)]
+    nearer = [PhotoDisparity(map_, depth.pixel) for map_, depth in zip(moved, depths, strict=True)]
     for i in range(len(views)):
         own = used[i] if i < len(used) else np.where(confirmed_of(nearer, i), moved[i], np.float32(-1))
-        results.append(ConfirmedDepth(own, depths[i].pixel))
+        results.append(ConfirmedDisparity(own, depths[i].pixel))
     nearer = [
-        PhotoDepth(np.where(own >= 0, own, map_), pixel) for (own, pixel), map_ in zip(results, moved, strict=True)
+        PhotoDisparity(np.where(own >= 0, own, map_), pixel) for (own, pixel), map_ in zip(results, moved, strict=True)
     ]
     for i, one in enumerate(sure):
         yield row("nearer", nearer[i].disparity, nearer_edges, i, views, depths, one, entry=SURFACE)
@@ -262,7 +262,7 @@ def at_target(views: list[View], target: Camera, span: Span, data: Arrays) -> Ge
     """From the photos' depth to the layers, their warp and occlusion; `data` as `render_scene` of
     the package returns it. Also returns the photos with their depths, and the splat."""
     pixels, count = data["pixel"], len(data["gains"])
-    depths = [PhotoDepth(data[f"depth{i}"], float(pixel)) for i, pixel in enumerate(pixels)]
+    depths = [PhotoDisparity(data[f"depth{i}"], float(pixel)) for i, pixel in enumerate(pixels)]
     known = yield from confirmation(views, depths, [data[f"used{i}"] for i in range(count)])
     distances = view_distances([camera for _, camera in views], target)
     photos = surface_views(views, known)

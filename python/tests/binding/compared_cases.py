@@ -17,7 +17,7 @@ from liveview_ref.reference.competing import composite_competing
 from liveview_ref.reference.layers import warp_views
 from liveview_ref.reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
 from liveview_ref.reference.surface.depth_range import range_of
-from liveview_ref.reference.surface.photo_depth import CELL, PhotoDepth, planes_of
+from liveview_ref.reference.surface.photo_depth import CELL, PhotoDisparity, planes_of
 from liveview_ref.reference.surface.photo_sweep import Grid
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 from liveview_ref.weights import start_from_agreement
@@ -145,7 +145,7 @@ def surface_stages(case: Rendered) -> Iterator[Compared]:
         if which == 0:
             groups = [[own, *around[:i], *around[i + 1 :]] for i, own in enumerate(around)]
             yield from surface.photo_search(groups, span, liveview.anchored_depth(around[0], around[1:], *span))
-    depths = [PhotoDepth(case.data[f"depth{i}"], float(pixel)) for i, pixel in enumerate(case.data["pixel"])]
+    depths = [PhotoDisparity(case.data[f"depth{i}"], float(pixel)) for i, pixel in enumerate(case.data["pixel"])]
     maps = [(camera, depth) for (_, camera), depth in zip(views, depths, strict=True)]
     sure = np.concatenate([depth.disparity[liveview.confirmed(i, maps)] for i, (_, depth) in enumerate(maps)])
     found = np.float32([1 / end for end in liveview._stages.depth_range(sure, span) or (-1, -1)])

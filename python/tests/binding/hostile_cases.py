@@ -28,7 +28,7 @@ class Cases:
         self.photos = np.random.default_rng(3).integers(0, 255, (5, H, W, 3), dtype=np.uint8)
         self.camera = lv.Camera(self.k, np.eye(4), W, H)
         image = f32(3, H, W)
-        depth = lv.PhotoDepth(f32(H, W), 0.01)
+        depth = lv.PhotoDisparity(f32(H, W), 0.01)
         self.view = SimpleNamespace(image=image, camera=self.camera, confirmed=depth, gains=np.ones(3))
         self.good = {
             "camera": {"k": self.k, "pose": np.eye(4), "width": W, "height": H},

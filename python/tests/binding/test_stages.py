@@ -30,7 +30,7 @@ from liveview_ref.reference.metrics import psnr, ssim
 from liveview_ref.reference.surface.anchored_depth import anchored_depth
 from liveview_ref.reference.surface.correction import exposure_gains, sharpened, sharpening
 from liveview_ref.reference.surface.fusion import SurfaceView, confirmed, visible, visible_or_past
-from liveview_ref.reference.surface.photo_depth import PhotoDepth, photo_depth
+from liveview_ref.reference.surface.photo_depth import PhotoDisparity, photo_depth
 from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
 from liveview_ref.reference.view_agreement import agreement_logits
 from liveview_ref.reference.views import choose_views
@@ -89,8 +89,8 @@ def of_reference(liveview, value):
         return Camera(*parts, value.width, value.height)
     if isinstance(value, SimpleNamespace):
         return SurfaceView(**of_reference(liveview, vars(value)))
-    if isinstance(value, liveview.PhotoDepth):
-        return PhotoDepth(*(of_reference(liveview, item) for item in value))
+    if isinstance(value, liveview.PhotoDisparity):
+        return PhotoDisparity(*(of_reference(liveview, item) for item in value))
     if isinstance(value, dict):
         return {name: of_reference(liveview, item) for name, item in value.items()}
     return type(value)(of_reference(liveview, item) for item in value) if isinstance(value, (list, tuple)) else value

@@ -16,8 +16,15 @@ from liveview_ref.reference.surface import target_surface as surface_module
 from liveview_ref.reference.surface.aggregate import aggregate, jump_penalties
 from liveview_ref.reference.surface.anchored_depth import detail_pixels
 from liveview_ref.reference.surface.correction import balanced, exposure_gains
-from liveview_ref.reference.surface.fusion import ConfirmedDepth, SurfaceView, confirmed, nearer_edges, splat, visible
-from liveview_ref.reference.surface.photo_depth import PhotoDepth, bands, photo_depth
+from liveview_ref.reference.surface.fusion import (
+    ConfirmedDisparity,
+    SurfaceView,
+    confirmed,
+    nearer_edges,
+    splat,
+    visible,
+)
+from liveview_ref.reference.surface.photo_depth import PhotoDisparity, bands, photo_depth
 from liveview_ref.reference.surface.photo_sweep import NONE, UNSEEN_COST, Candidates, Grid, costs
 from liveview_ref.reference.surface.render import hide, render
 from liveview_ref.reference.surface.target_surface import Surface, fill_holes, surface
@@ -118,10 +125,10 @@ def test_aggregation_reaches_an_index_missing_in_the_previous_cell_only_by_a_jum
 
 
 def test_depth_is_confirmed_by_agreeing_maps_unless_more_see_past_it():
-    near, far = PhotoDepth(filled(0.5), 0.01), PhotoDepth(filled(0.2), 0.01)
+    near, far = PhotoDisparity(filled(0.5), 0.01), PhotoDisparity(filled(0.2), 0.01)
     cameras = [camera(x) for x in (0.0, 0.1, 0.2, 0.3)]
 
-    def share(*maps: PhotoDepth) -> float:
+    def share(*maps: PhotoDisparity) -> float:
         return float(confirmed(0, list(zip(cameras, maps, strict=False)))[:, 2:].double().mean())
 
     assert share(near, near) == 1 and share(near, far) == 0
@@ -162,12 +169,12 @@ def test_depth_beside_an_edge_becomes_that_of_two_other_photos():
     photos = [(torch.full((3, 6, 12), 0.5, dtype=torch.float64), camera())] * 3
     own, other, sure = filled(0.2), filled(0.2), torch.ones(6, 12, dtype=torch.bool)
     own[:, 6:], other[:, 5:] = 0.4, 0.4
-    maps = [PhotoDepth(map_, 0.01) for map_ in (own, other, other)]
+    maps = [PhotoDisparity(map_, 0.01) for map_ in (own, other, other)]
     torch.testing.assert_close(nearer_edges(0, photos, maps, sure), other)
     assert torch.equal(nearer_edges(0, photos, maps, ~sure), own), "none is confirmed"
     assert torch.equal(nearer_edges(0, photos[:2], maps[:2], sure), own), "a single photo"
     assert torch.equal(nearer_edges(1, photos, maps, sure), other), "it is nearer already"
-    flat = [PhotoDepth(filled(0.2), 0.01), *maps[1:]]
+    flat = [PhotoDisparity(filled(0.2), 0.01), *maps[1:]]
     assert torch.equal(nearer_edges(0, photos, flat, sure), filled(0.2)), "no edge"
 
 
@@ -216,7 +223,7 @@ def scene():
     views = list(zip(images_of(data, torch.float32), cameras, strict=True))
     maps = [photo_depth(v, views[:i] + views[i + 1 :], NEAR, FAR) for i, v in enumerate(views)]
     pairs = list(zip(cameras, maps, strict=True))
-    sure = [ConfirmedDepth.of(m, confirmed(i, pairs)) for i, m in enumerate(maps)]
+    sure = [ConfirmedDisparity.of(m, confirmed(i, pairs)) for i, m in enumerate(maps)]
     return [SurfaceView(*v, k, torch.ones(3)) for v, k in zip(views, sure, strict=True)], maps, target
 
 
@@ -235,7 +242,7 @@ def test_holes_are_searched_only_above_the_share(scene, monkeypatch):
     views, _, target = scene
     kept = torch.zeros(105, 189, dtype=torch.bool)
     kept[:, ::4] = True
-    blind = [v._replace(confirmed=ConfirmedDepth(torch.where(kept, v.confirmed.disparity, -1), 1.0)) for v in views]
+    blind = [v._replace(confirmed=ConfirmedDisparity(torch.where(kept, v.confirmed.disparity, -1), 1.0)) for v in views]
     default = surface(blind, target, NEAR, FAR)
     assert default.holes > surface_module.SEARCHED_SHARE
     found = []

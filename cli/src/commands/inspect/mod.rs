@@ -17,7 +17,7 @@ use liveview_synthesizer::{LayerSpec, Shot, SynthesisError, Targets, recommended
 use serde_json::{Value, json};
 
 use crate::args::{ModelArgs, SceneArgs, expect_png, has_extension};
-use crate::console::{Output, escaped, path_text, print_notes, progress};
+use crate::console::{Output, escaped, path_text, print_notes};
 use crate::job::Job;
 use crate::outputs::OutputPlan;
 
@@ -185,10 +185,8 @@ fn planes(args: &InspectArgs) -> Result<Output> {
 fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<(Output, ImageRgb)> {
     let shot = job.synthesizer.shots(target)?.remove(0);
     let loaded = job.synthesizer.load(&shot, &[])?;
-    job.progress = progress("layers")?;
     let disparities = uniform_disparities(shot.near, shot.far, from)?;
     let histogram = job.synthesizer.histogram(&loaded, &disparities)?;
-    job.progress.finish_and_clear();
     let chosen = select_planes(job.synthesizer.renderer().alpha(), &histogram, keep);
 
     let pixels = (shot.target.width() * shot.target.height()) as f64;

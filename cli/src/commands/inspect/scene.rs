@@ -45,7 +45,7 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
     text += &section;
     let (section, rig) = rig(&scene.views);
     text += &section;
-    let (section, mut target_json) = target_section(photos, target, views, args.layers.as_ref().unwrap_or(&LAYERS))?;
+    let (section, mut target_json) = target_section(photos, target, views, args.layers.as_ref())?;
     text += &section;
     if args.exposure && target_json["warning"].is_null() {
         let (section, gains) = exposure_gains(photos, target, views)?;
@@ -128,9 +128,9 @@ fn rig(views: &[View]) -> Section {
 }
 
 /// The target, the views it would be rendered from, and the planes that no view covers.
-fn target_section(photos: &SceneViews, target: usize, count: usize, layers: &LayerSpec) -> Result<Section> {
+fn target_section(photos: &SceneViews, target: usize, count: usize, layers: Option<&LayerSpec>) -> Result<Section> {
     let View { name, camera, .. } = &photos.scene().views[target];
-    let faces_away = |view: &&View| choose_views(&[&view.camera], camera, 1).is_err();
+    let faces_away = |view: &&View| choose_views(&[&view.camera], camera, 1, &[]).is_err();
     let facing_away: Vec<&str> =
         photos.scene().views.iter().filter(faces_away).map(|view| view.name.as_str()).collect();
     let mut text = format!("\ntarget     {}, held out, from {count} views\n", escaped(name));
@@ -139,7 +139,7 @@ fn target_section(photos: &SceneViews, target: usize, count: usize, layers: &Lay
         let names = escaped(&facing_away.join(", "));
         let _ = writeln!(text, "skipped    views that face more than 60 degrees away: {names}");
     }
-    let views = match photos.choose(name, camera, &[target], count) {
+    let views = match photos.choose(name, camera, &[target], count, &[]) {
         Ok(views) => views,
         Err(error) => {
             let _ = writeln!(text, "warning    cannot be rendered: {}", escaped(&error.to_string()));
@@ -169,7 +169,8 @@ fn target_section(photos: &SceneViews, target: usize, count: usize, layers: &Lay
     let _ = writeln!(text, "depth      {near:.4} to {far:.4} scene units, {source}");
     json["near"] = json!(near);
     json["far"] = json!(far);
-    let disparities = match layers {
+    let asked = layers.is_some();
+    let disparities = match layers.unwrap_or(&LAYERS) {
         LayerSpec::Planes(count) => uniform_disparities(near, far, *count)?,
         LayerSpec::List(disparities) => disparities.clone(),
         other => bail!("--layers {other}: expected planes:D or list:…"),
@@ -184,12 +185,10 @@ fn target_section(photos: &SceneViews, target: usize, count: usize, layers: &Lay
     let _ =
         writeln!(text, "planes     {planes} from near to far: parallax between neighbours at most {step:.2} pixels");
     json["planes"] = json!({ "count": planes, "largest_step_pixels": step });
-    if step > MAX_STEP {
+    if asked && step > MAX_STEP {
         let needed = (step / MAX_STEP * (planes.max(2) - 1) as f64).ceil() + 1.0;
-        let _ = writeln!(
-            text,
-            "warning    above {MAX_STEP} pixel, planes are visible as steps: use about planes:{needed}, or guided layers"
-        );
+        let _ =
+            writeln!(text, "warning    above {MAX_STEP} pixel, planes are visible as steps: use about planes:{needed}");
     }
     let uncovered: Vec<usize> =
         (0..disparities.len()).filter(|&k| coverage(&sources, &grid, disparities[k]) == 0.0).collect();
@@ -263,7 +262,7 @@ fn agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, 
 /// of them. Searches the depth of the photos.
 fn exposure_gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let View { name, camera, .. } = &scene_views.scene().views[target];
-    let chosen = scene_views.choose(name, camera, &[target], views)?;
+    let chosen = scene_views.choose(name, camera, &[target], views, &[])?;
     let surface = agreement::surface_of_view(scene_views, target, views)?;
     let gains = surface.map_or_else(Vec::new, |surface| surface.corrections.iter().map(|view| view.gains).collect());
     let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
@@ -275,95 +274,46 @@ fn exposure_gains(scene_views: &SceneViews, target: usize, views: usize) -> Resu
     Ok((text, gains))
 }
 
-/// A direction on which few cameras of a regular grid have the same projection.
-const OBLIQUE: DVec3 = DVec3::new(0.781, 0.532, 0.327);
-/// Tolerance of angles, in radians.
-const ANGLE_TOLERANCE: f64 = 1e-6;
+/// Cameras, evenly spread in their order, that are compared with all others.
+const COMPARED: usize = 1000;
 
-/// Distance from each point to its nearest neighbour, in no particular order; empty for a single
-/// point.
-pub(super) fn nearest_distances(points: &[DVec3]) -> Vec<f64> {
-    let along = OBLIQUE.normalize();
-    let mut sorted: Vec<(f64, DVec3)> = points.iter().map(|point| (point.dot(along), *point)).collect();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let nearest = |index: usize| {
-        let (at, point) = sorted[index];
-        let mut best = f64::INFINITY;
-        // The distance of two points is at least that of their projections.
-        let mut compare = |other: &(f64, DVec3)| {
-            let may_be_nearer = (other.0 - at).abs() < best;
-            best = best.min(other.1.distance(point));
-            may_be_nearer
-        };
-        let _ = sorted[index + 1..].iter().all(&mut compare);
-        let _ = sorted[..index].iter().rev().all(&mut compare);
-        best
-    };
-    (0..sorted.len()).map(nearest).filter(|distance| distance.is_finite()).collect()
+fn compared(all: &[DVec3]) -> impl Iterator<Item = (usize, DVec3)> {
+    all.iter().copied().enumerate().step_by(all.len().div_ceil(COMPARED).max(1))
 }
 
-/// Largest angle between two of these unit vectors, in radians, accurate to [`ANGLE_TOLERANCE`]; 0
-/// for a single one.
-pub(super) fn largest_angle(directions: &[DVec3]) -> f64 {
-    let mean = directions.iter().sum::<DVec3>().normalize_or(DVec3::Z);
-    let mut from_mean: Vec<(f64, DVec3)> = directions.iter().map(|d| (mean.angle_between(*d), *d)).collect();
-    from_mean.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut largest = 0.0_f64;
-    for (index, (angle, direction)) in from_mean.iter().enumerate() {
-        // The angle of two directions is at most the sum of their angles to the mean.
-        let candidates = from_mean[..index].iter().take_while(|other| other.0 + angle > largest + ANGLE_TOLERANCE);
-        let min_cosine = candidates.map(|(_, other)| other.dot(*direction)).fold(f64::INFINITY, f64::min);
-        if min_cosine < largest.cos() {
-            largest = min_cosine.clamp(-1.0, 1.0).acos();
-        }
-    }
-    largest
+/// Distance from each compared point to its nearest neighbour; empty for a single point.
+fn nearest_distances(points: &[DVec3]) -> Vec<f64> {
+    let nearest = |(index, point): (usize, DVec3)| {
+        let others = points.iter().enumerate().filter(|&(other, _)| other != index);
+        others.map(|(_, other)| point.distance(*other)).fold(f64::INFINITY, f64::min)
+    };
+    compared(points).map(nearest).filter(|distance| distance.is_finite()).collect()
+}
+
+/// Largest angle of a compared unit vector to another, in radians; 0 for a single one.
+fn largest_angle(directions: &[DVec3]) -> f64 {
+    let cosines = compared(directions).flat_map(|(_, a)| directions.iter().map(move |b| a.dot(*b)));
+    cosines.fold(1.0, f64::min).clamp(-1.0, 1.0).acos()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Random points in a cube, from a linear congruential generator.
-    fn cube(count: usize) -> Vec<DVec3> {
-        let mut state = 7_u64;
-        let mut next = || {
-            state = state * 48_271 % 0x7FFF_FFFF;
-            state as f64 / f64::from(0x7FFF_FFFF)
-        };
-        (0..count).map(|_| DVec3::new(next(), next(), next())).collect()
-    }
-
     #[test]
-    fn distances_and_angles_equal_those_of_all_pairs() {
-        let points = cube(300);
-        let others = |i: usize| (0..points.len()).filter(move |&j| j != i);
-        let mut expected: Vec<f64> =
-            (0..300).map(|i| others(i).map(|j| points[i].distance(points[j])).fold(f64::INFINITY, f64::min)).collect();
-        let mut found = nearest_distances(&points);
-        expected.sort_by(f64::total_cmp);
-        found.sort_by(f64::total_cmp);
-        assert_eq!(found, expected);
-        for (centre, spread) in [(DVec3::ZERO, 1.0), (DVec3::splat(-0.5), 1.0), (DVec3::new(0.0, 0.0, 9.0), 1.0)] {
-            let directions: Vec<DVec3> = points.iter().map(|p| (*p * spread + centre).normalize()).collect();
-            let pairs = (0..300).flat_map(|i| others(i).map(move |j| (i, j)));
-            let expected = pairs.map(|(i, j)| directions[i].angle_between(directions[j])).fold(0.0, f64::max);
-            assert!((largest_angle(&directions) - expected).abs() < 2e-6);
-        }
-        assert_eq!((nearest_distances(&points[..1]), largest_angle(&[DVec3::X])), (vec![], 0.0));
-        assert!(largest_angle(&[DVec3::X, DVec3::X, -DVec3::X]) > 3.1);
+    fn distances_and_angles_are_those_of_all_pairs() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 3.0)];
+        assert_eq!(nearest_distances(&corners), [1.0, 1.0, 1.0, 10.0_f64.sqrt()]);
+        assert_eq!((nearest_distances(&corners[..1]), largest_angle(&[DVec3::X])), (vec![], 0.0));
+        assert!((largest_angle(&[DVec3::X, DVec3::Y, -DVec3::X]) - std::f64::consts::PI).abs() < 1e-9);
     }
 
     /// All pairs would be ten thousand million distances.
     #[test]
     fn a_hundred_thousand_cameras_take_little_time() {
-        let points = cube(100_000);
-        assert_eq!(nearest_distances(&points).len(), points.len());
-        let column = |k: usize| DVec3::new(if k.is_multiple_of(2) { 0.0 } else { 1e3 }, (k / 2) as f64, 0.0);
-        let columns: Vec<DVec3> = (0..100_000).map(column).collect();
-        assert!(nearest_distances(&columns).iter().all(|&distance| distance == 1.0));
-        assert_eq!(largest_angle(&vec![DVec3::Z; 100_000]), 0.0);
-        let ahead: Vec<DVec3> = points.iter().map(|p| (*p - DVec3::splat(0.5) + DVec3::Z * 4.0).normalize()).collect();
+        let points: Vec<DVec3> = (0..100_000).map(|k| DVec3::new((k % 100) as f64, (k / 100) as f64, 1.0)).collect();
+        assert!(nearest_distances(&points).iter().all(|&distance| distance == 1.0));
+        let ahead: Vec<DVec3> = points.iter().map(|point| point.normalize()).collect();
         assert!(largest_angle(&ahead) > 0.1);
     }
 }

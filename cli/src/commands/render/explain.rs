@@ -16,13 +16,16 @@ use liveview_surface::guided::RangeMap;
 use liveview_surface::parallax::parallax;
 use liveview_synthesizer::colormap::{coloured, side_by_side};
 use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
-use ndarray::{Array2, s};
+use ndarray::{Array2, Axis, s};
 use serde_json::{Value, json};
 
 use crate::args::expect_png;
 use crate::console::{Output, path_text};
 use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;
+
+/// The colour of guessed pixels.
+const PINK: [f32; 3] = [1.0, 0.0, 0.6];
 
 /// The render to explain.
 pub(super) struct Explained<'a> {
@@ -106,21 +109,29 @@ fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<
     })
 }
 
-/// The surface, and the share of it that no photo's depth gives.
+/// The picture with its guessed pixels marked, beside the surface.
 fn surface(about: &Explained<'_>, target_surface: &TargetSurface, text: &mut String, json: &mut Value) -> ImageRgb {
-    let holes = target_surface.surface.holes;
+    let guessed = target_surface.surface.guessed_share();
     let occluded = about.frame.occluded_pixels as f64 / about.frame.transmittance.len() as f64;
     let _ = writeln!(
         text,
-        "surface {} layers along it; {:.1} % of it in holes of the photos' depth, {:.1} % occluded in every view",
+        "surface {} layers along it; {:.1} % of it guessed (pink), {:.1} % occluded in every view",
         about.plan.layers.len(),
-        100.0 * holes,
+        100.0 * guessed,
         100.0 * occluded
     );
-    json["surface"] = json!({ "holes": holes, "occluded_share": occluded });
+    json["surface"] = json!({ "guessed_share": guessed, "occluded_share": occluded });
     let Shot { near, far, target, .. } = about.shot;
     let part = s![..target.height(), ..target.width()];
-    coloured(target_surface.surface.disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32)
+    let disparity = coloured(target_surface.surface.disparity.slice(part), (1.0 / far) as f32, (1.0 / near) as f32);
+    let mut picture = about.frame.picture().as_array().to_owned();
+    for (mut pixel, &guessed) in picture.lanes_mut(Axis(2)).into_iter().zip(target_surface.surface.guessed.slice(part))
+    {
+        if guessed {
+            pixel.iter_mut().zip(PINK).for_each(|(value, pink)| *value = 0.5 * (*value + pink));
+        }
+    }
+    side_by_side(&[&ImageRgb::from_array(picture.view()).expect("three channels"), &disparity])
 }
 
 /// Exposure gains and sharpening of the views, in their order.

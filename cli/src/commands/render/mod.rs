@@ -13,12 +13,11 @@ use std::time::Instant;
 
 use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
-use liveview_synthesizer::agreement;
-use liveview_synthesizer::{LayerSpec, Plan, Score, Shot};
+use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, agreement, guessed, psnr_covered};
 
 use crate::args::numbers::FrameRange;
 use crate::args::{ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, named, numbers};
-use crate::console::{Output, escaped, print_message, print_notes, progress};
+use crate::console::{Output, escaped, print_message, print_notes};
 use crate::interrupt::{self, Interrupted};
 use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;
@@ -56,8 +55,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     args.explain.iter().try_for_each(|file| explain::plan_output(file, pictures.len(), &mut output_plan))?;
     output_plan.prepare()?;
     outputs.begin(&shots, || record::fields(&job, &all, &args.targets, &args.layers))?;
-    job.progress = progress("layers")?;
     let wanted = shots.len();
+    job.show_progress(wanted)?;
     // If there is only one picture, Ctrl-C ends the program at once.
     let stop = if wanted > 1 { interrupt::watch()? } else { Arc::default() };
     let rendered = render(&mut job, shots, &all, moving, &mut outputs, args, &stop);
@@ -157,8 +156,8 @@ fn render(
             None => job.plan(&loaded)?,
         };
         let frame = job.render(&loaded, &plan)?;
-        // Scored before uncovered pixels are inpainted.
-        let score = truth.as_ref().and_then(|truth| Score::of(frame.raw(), truth));
+        let score = truth.as_ref().and_then(|truth| Score::of_delivered(&frame, truth));
+        let psnr_covered = truth.as_ref().and_then(|truth| psnr_covered(&frame, truth));
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: not scored, the picture is too small", shot.name));
         }
@@ -181,7 +180,10 @@ fn render(
             layers: plan.layers.len(),
             times: Some(times),
             score,
+            psnr_covered,
             uncovered_share,
+            guessed_share: plan.surface.as_ref().map(|found| found.surface.guessed_share()),
+            advice: guessed::advice(job.synthesizer.views(), &shot, &plan, &frame),
             occluded_share: frame.occluded_pixels as f64 / pixels,
             confirmed_share: plan.surface.as_ref().map(|surface| surface.confirmed_share),
             agreeing_share: job.agreeing_share,
@@ -219,7 +221,8 @@ pub(crate) struct RenderArgs {
     output: OutputArgs,
     /// Also write a table of the scores, a line per picture
     ///
-    /// Columns: name, psnr (dB), ssim, uncovered_share and occluded_share (0 to 1), seconds. Empty
+    /// Columns: name, psnr (dB), ssim, psnr_covered (of the covered pixels, where some are not), uncovered_share,
+    /// occluded_share and guessed_share (0 to 1), seconds. Empty
     /// where it is unknown: the score of a picture that is too small, the time of one that --resume
     /// kept.
     #[arg(long, value_name = "CSV")]

@@ -168,7 +168,10 @@ impl Record {
             layers: entry["layers"].as_u64()? as usize,
             times: None,
             score,
+            psnr_covered: number("psnr_covered"),
             uncovered_share: number("uncovered_share")?,
+            guessed_share: number("guessed_share"),
+            advice: None,
             occluded_share: number("occluded_share")?,
             confirmed_share: None,
             agreeing_share: None,
@@ -181,7 +184,8 @@ impl Record {
     pub(super) fn add(&mut self, one: &Rendered, digests: Vec<String>) -> Result<()> {
         let entry = json!({
             "files": digests, "layers": one.layers, "psnr": one.score.as_ref().map(|score| score.psnr),
-            "ssim": one.score.as_ref().map(|score| score.ssim), "uncovered_share": one.uncovered_share,
+            "ssim": one.score.as_ref().map(|score| score.ssim), "psnr_covered": one.psnr_covered,
+            "guessed_share": one.guessed_share, "uncovered_share": one.uncovered_share,
             "occluded_share": one.occluded_share, "disparity_max": one.disparity_max,
         });
         self.append(&one.shot.name, entry)

@@ -64,7 +64,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
         "views": job.synthesizer.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
         "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
-        "uncovered_share": one.uncovered_share, "occluded_share": one.occluded_share,
+        "psnr_covered": one.psnr_covered, "uncovered_share": one.uncovered_share, "guessed_share": one.guessed_share, "occluded_share": one.occluded_share,
         "confirmed_share": one.confirmed_share, "agreeing_share": one.agreeing_share, "disparity_max": one.disparity_max,
         "files": one.files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     })
@@ -89,9 +89,14 @@ fn pictures(job: &Job, done: &[Rendered], moving: bool) -> String {
         many => table(job, many, &mut text),
     }
     line_of_times(&mut text, done, of);
-    if let [Rendered { score: Some(score), .. }] = done {
-        let score = format!("PSNR {:.2} dB, SSIM {:.4} ({BORDER}-pixel border excluded)", score.psnr, score.ssim);
-        line(&mut text, "score", &score);
+    if let [Rendered { score: Some(score), psnr_covered, .. }] = done {
+        let covered = psnr_covered.map(|psnr| format!("; covered pixels alone: PSNR {psnr:.2} dB")).unwrap_or_default();
+        let (psnr, ssim) = (score.psnr, score.ssim);
+        line(
+            &mut text,
+            "score",
+            &format!("PSNR {psnr:.2} dB, SSIM {ssim:.4} ({BORDER}-pixel border excluded){covered}"),
+        );
     }
     finish(&mut text, done);
     text
@@ -133,6 +138,11 @@ fn finish(text: &mut String, done: &[Rendered]) {
     if occluded > 0.0 {
         let note = "occluded in every view, rendered from the least occluded";
         line(text, "occluded", &format!("{:.2} % of {of}: {note}", 100.0 * occluded));
+    }
+    let guessed = |one: &&Rendered| one.guessed_share.map(|share| (share, one.advice.clone()));
+    if let Some((share, advice)) = done.iter().filter_map(|one| guessed(&one)).max_by(|a, b| a.0.total_cmp(&b.0)) {
+        let advice = advice.map(|advice| format!("; {advice}")).unwrap_or_default();
+        line(text, "guessed", &format!("{:.1} % of {of}: no two photos confirm its depth{advice}", 100.0 * share));
     }
     let new = done.iter().filter(|one| one.times.is_some());
     let files: Vec<String> = new.flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
@@ -200,14 +210,15 @@ pub(super) fn write_scores(file: &Path, done: &[Rendered]) -> Result<String> {
 }
 
 fn csv(done: &[Rendered]) -> String {
-    let mut text = "name,psnr,ssim,uncovered_share,occluded_share,seconds\n".to_owned();
+    let mut text = "name,psnr,ssim,psnr_covered,uncovered_share,occluded_share,guessed_share,seconds\n".to_owned();
     for one in done {
         let number = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
         let (psnr, ssim) = (one.score.as_ref().map(|score| score.psnr), one.score.as_ref().map(|score| score.ssim));
         let seconds = one.times.as_ref().map(|times| times.total().as_secs_f64());
         let (name, uncovered, occluded) = (field(&one.shot.name), one.uncovered_share, one.occluded_share);
-        let (psnr, ssim, seconds) = (number(psnr), number(ssim), number(seconds));
-        let _ = writeln!(text, "{name},{psnr},{ssim},{uncovered},{occluded},{seconds}");
+        let [psnr, ssim, covered, guessed, seconds] =
+            [psnr, ssim, one.psnr_covered, one.guessed_share, seconds].map(number);
+        let _ = writeln!(text, "{name},{psnr},{ssim},{covered},{uncovered},{occluded},{guessed},{seconds}");
     }
     text
 }
@@ -223,9 +234,16 @@ pub(super) struct Rendered {
     pub(super) layers: usize,
     /// `None` for a picture of an earlier run.
     pub(super) times: Option<Times>,
+    /// Of the picture as it is delivered.
     pub(super) score: Option<Score>,
+    /// PSNR in dB of the covered pixels alone, where some are not.
+    pub(super) psnr_covered: Option<f64>,
     /// Share of the picture that no view covers, 0 to 1.
     pub(super) uncovered_share: f64,
+    /// Share of the pixels whose surface no two photos confirm, 0 to 1; `None` for other layers than surface layers.
+    pub(super) guessed_share: Option<f64>,
+    /// Why they are many, and what helps.
+    pub(super) advice: Option<String>,
     /// Share of the pixels that are occluded in every view by the photos' own depth, 0 to 1.
     pub(super) occluded_share: f64,
     /// Mean share of the photos' depth that other photos confirm, 0 to 1; `None` for other layers than

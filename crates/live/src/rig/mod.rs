@@ -100,8 +100,8 @@ impl Rig {
         let cameras: Vec<&Camera> = self.views.cameras(free).collect();
         let mut chosen = BTreeSet::new();
         for target in targets {
-            let views = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count).ok());
-            let views = views.map_or_else(|| choose_views(&cameras, target, fewest), Ok);
+            let views = (fewest..=most).rev().find_map(|count| choose_views(&cameras, target, count, &[]).ok());
+            let views = views.map_or_else(|| choose_views(&cameras, target, fewest, &[]), Ok);
             chosen.extend(views.map_err(|error| anyhow!("{}: {error}", self.views.scene().root.display()))?);
         }
         Ok(chosen.into_iter().map(|camera| free[camera]).collect())

@@ -11,7 +11,9 @@ use std::sync::OnceLock;
 use liveview::geometry::{Camera, Size, facing_alike};
 use liveview::image::ImageRgb;
 use liveview::warp::{SourceView, Texture};
-use liveview_surface::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDepth, Region, Reuse, dirty_regions, photo_depth};
+use liveview_surface::{
+    DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, PhotoDisparity, Region, Reuse, dirty_regions, photo_depth,
+};
 use liveview_synthesizer::PhotosWithDepth;
 use ndarray::{Array2, s};
 
@@ -123,10 +125,10 @@ fn neighbours<'a>(step: &'a Step<'_>, camera: usize) -> Vec<SourceView<'a>> {
     nearest.take(NEIGHBOURS).map(|other| step.source(other)).collect()
 }
 
-fn search(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], maps: &DepthMaps) -> PhotoDepth {
+fn search(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], maps: &DepthMaps) -> PhotoDisparity {
     let (near, far) = maps.range();
     if neighbours.is_empty() {
-        return PhotoDepth::unknown(photo.camera.size());
+        return PhotoDisparity::unknown(photo.camera.size());
     }
     photo_depth(photo, neighbours, near, far)
 }

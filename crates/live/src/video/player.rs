@@ -142,7 +142,7 @@ impl Player<'_> {
             Err(error) => return Err(error.into()),
         };
         let scores = match truth {
-            Some(truth) => self.scorer.score(frame.frame.raw(), truth),
+            Some(truth) => self.scorer.score(&frame.frame.picture(), truth),
             None => {
                 self.scorer.restart();
                 None

@@ -8,7 +8,7 @@
 
 from . import _liveview
 from ._liveview import *  # noqa: F403
-from ._tuples import Composited, PhotoDepth, RangeMap, Surface, ViewDepth
+from ._tuples import Composited, PhotoDisparity, RangeMap, Surface, ViewDepth
 
-__all__ = ["Composited", "PhotoDepth", "RangeMap", "Surface", "ViewDepth"]
+__all__ = ["Composited", "PhotoDisparity", "RangeMap", "Surface", "ViewDepth"]
 __all__ += [name for name in _liveview.__all__ if not name.startswith("_")]

@@ -17,7 +17,7 @@ from typing import Literal, Protocol, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._tuples import Composited, PhotoDepth, RangeMap, Surface, ViewDepth
+from ._tuples import Composited, PhotoDisparity, RangeMap, Surface, ViewDepth
 
 Convention = Literal["opencv", "opengl"]
 
@@ -201,7 +201,7 @@ class Frames(Iterator[Frame]):
         """Any frame from 0 on, the same as when it is reached one after the other."""
 
 class Frame:
-    """A rendered picture."""
+    """A rendered picture. Each read of an array is a copy."""
 
     @property
     def name(self) -> str:
@@ -223,6 +223,10 @@ class Frame:
     @property
     def uncovered(self) -> float:
         """The share of the picture that no photo covers."""
+    @property
+    def guessed(self) -> float | None:
+        """The share of the pixels whose surface no two photos confirm; None for layers that do not
+        follow it."""
     @property
     def occluded(self) -> float:
         """The share of the pixels that are hidden in every photo, by the photos' own depth."""
@@ -301,9 +305,11 @@ def guided_layers(
 ) -> np.ndarray:
     """`count` guided layers as maps of disparity [count, H, W] over the padded target."""
 
-def choose_views(cameras: Sequence[CameraLike], target: CameraLike, count: int) -> list[int]:
-    """Indices of the `count` cameras nearest to the target, nearest first, among those that face
-    its direction."""
+def choose_views(
+    cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()
+) -> list[int]:
+    """Indices of the `count` cameras to render the target from, nearest first: those that show it,
+    from all sides; of those in `kept` (indices) the cost is a tenth lower."""
 
 def view_distances(cameras: Sequence[CameraLike], target: CameraLike) -> np.ndarray:
     """Distances of the cameras' centres to the target's, [V] float64, scene units."""
@@ -316,16 +322,16 @@ def ssim(image: ArrayLike, truth: ArrayLike) -> float:
 
 def photo_depth(
     photo: tuple[ArrayLike, CameraLike], neighbours: Sequence[tuple[ArrayLike, CameraLike]], near: float, far: float
-) -> PhotoDepth:
+) -> PhotoDisparity:
     """The depth of a photo, searched from near to far (scene units) among its neighbours; photos
     [3, h, w] in [0, 1] with their cameras."""
 
 def anchored_depth(
     photo: tuple[ArrayLike, CameraLike], neighbours: Sequence[tuple[ArrayLike, CameraLike]], near: float, far: float
-) -> PhotoDepth:
+) -> PhotoDisparity:
     """As photo_depth, with what the neighbours find at a small size as anchors."""
 
-def confirmed(which: int, maps: Sequence[tuple[CameraLike, PhotoDepth]]) -> np.ndarray:
+def confirmed(which: int, maps: Sequence[tuple[CameraLike, PhotoDisparity]]) -> np.ndarray:
     """The pixels [h, w] bool of map `which` that the other maps confirm."""
 
 def visible(
@@ -345,7 +351,7 @@ class SurfaceView(Protocol):
 
     image: ArrayLike
     camera: CameraLike
-    confirmed: PhotoDepth
+    confirmed: PhotoDisparity
     gains: ArrayLike
 
 def surface(views: Sequence[SurfaceView], target: CameraLike, near: float, far: float) -> Surface:

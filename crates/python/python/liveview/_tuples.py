@@ -26,7 +26,7 @@ class RangeMap(NamedTuple):
     farthest: np.ndarray
 
 
-class PhotoDepth(NamedTuple):
+class PhotoDisparity(NamedTuple):
     """Disparity [h, w] that a photo's search finds (float32), and the disparity worth one pixel of
     parallax; 1/scene unit."""
 

@@ -7,7 +7,7 @@ use liveview::geometry::PlaneSweep;
 use liveview::render::{ViewCorrection, Visibility, occluded};
 use liveview::warp::{SourceView, WarpSource};
 use liveview_surface::stages::{self, Search};
-use liveview_surface::{ConfirmedDepth, DepthMaps, PhotoDepth};
+use liveview_surface::{ConfirmedDisparity, DepthMaps, PhotoDisparity};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
@@ -29,8 +29,8 @@ fn with_search<T>(
     run(&Search { range: (near, far), count, parts, cell, starts: starts.as_ref(), ranges: ranges.as_ref() })
 }
 
-pub(super) fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDepth {
-    PhotoDepth { disparity: disparity.as_array().to_owned(), disparity_per_pixel: *pixel }
+pub(super) fn depth((disparity, pixel): &DepthArgument<'_>) -> PhotoDisparity {
+    PhotoDisparity { disparity: disparity.as_array().to_owned(), disparity_per_pixel: *pixel }
 }
 
 /// Those of the photos of these cameras that photo `which` is matched with.
@@ -118,7 +118,7 @@ pub(crate) fn anchors<'py>(
 ) -> PyResult<(Map<'py, bool>, Map<'py>)> {
     let cameras = self::cameras("cameras", cameras)?;
     let maps: Vec<_> = maps.iter().map(depth).collect();
-    let sure = |(map, sure): (&PhotoDepth, &PyReadonlyArray2<'_, f32>)| ConfirmedDepth {
+    let sure = |(map, sure): (&PhotoDisparity, &PyReadonlyArray2<'_, f32>)| ConfirmedDisparity {
         disparity: sure.as_array().to_owned(),
         disparity_per_pixel: map.disparity_per_pixel,
     };
@@ -159,7 +159,7 @@ pub(crate) fn nearer_edges<'py>(
     let photos = Photo::pairs("photos", photos)?;
     let maps: Vec<_> = maps.iter().map(depth).collect();
     let set: Vec<_> = photos.iter().map(Photo::source).zip(&maps).collect();
-    let confirmed = ConfirmedDepth::new(&maps[which], &confirmed.as_array().to_owned());
+    let confirmed = ConfirmedDisparity::new(&maps[which], &confirmed.as_array().to_owned());
     Ok(stages::nearer_edges(&set, which, &confirmed).disparity.into_pyarray(py))
 }
 

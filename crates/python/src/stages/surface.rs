@@ -5,7 +5,7 @@ use liveview::geometry::Size;
 use liveview::layers::padded;
 use liveview::warp::SourceView;
 use liveview_surface::stages::{self, SurfaceView};
-use liveview_surface::{ConfirmedDepth, ConsistencyVotes, Surface};
+use liveview_surface::{ConfirmedDisparity, ConsistencyVotes, Surface};
 use ndarray::{Array2, ArrayView2, Ix2};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -19,7 +19,7 @@ use crate::engine::compute;
 /// A photo with its confirmed depth: the reference's `SurfaceView`.
 pub(super) struct View {
     pub(super) photo: Photo,
-    confirmed: ConfirmedDepth,
+    confirmed: ConfirmedDisparity,
     pub(super) gains: [f32; 3],
 }
 
@@ -36,7 +36,7 @@ impl View {
         if let Some(wrong) = gains.iter().find(|gain| !((**gain as f32).is_finite() && **gain > 0.0)) {
             return Err(value(&of("gains"), format!("a gain is {wrong}; expected positive numbers")));
         }
-        let confirmed = ConfirmedDepth { disparity: confirmed.0, disparity_per_pixel: confirmed.1 };
+        let confirmed = ConfirmedDisparity { disparity: confirmed.0, disparity_per_pixel: confirmed.1 };
         Ok(Self { photo, confirmed, gains: std::array::from_fn(|channel| gains[channel] as f32) })
     }
 
@@ -59,7 +59,8 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
         let views: Vec<_> = views.iter().map(View::of).collect();
         Ok(stages::surface(&views, &target, (near, far), true))
     })?;
-    named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, found.holes))
+    let guessed = found.guessed_share();
+    named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed))
 }
 
 /// `Surface.layers`.
@@ -69,7 +70,7 @@ pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) 
     let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
-        let surface = Surface { disparity, disparity_per_pixel: 1.0, holes: 0.0 };
+        let surface = Surface { guessed: Array2::default(disparity.dim()), disparity, disparity_per_pixel: 1.0 };
         let layers = surface.layers(count).map_err(|error| value("count", error))?;
         Ok(maps_of(&layers, size))
     })?;
@@ -134,7 +135,7 @@ fn seen<'py>(
     if !(margin.is_finite() && margin >= 0.0) {
         return Err(value("margin", format!("{margin}; expected a finite number of at least 0")));
     }
-    let confirmed = ConfirmedDepth { disparity: map("confirmed", confirmed, &view)?, disparity_per_pixel: 1.0 };
+    let confirmed = ConfirmedDisparity { disparity: map("confirmed", confirmed, &view)?, disparity_per_pixel: 1.0 };
     let disparity = map2("disparity", disparity)?;
     let (found, size) = (Size::new(disparity.ncols(), disparity.nrows()), target.size());
     if found != size && found != padded(size) {
@@ -191,7 +192,7 @@ pub(crate) fn anchored_depth<'py>(
 }
 
 /// A search of the library.
-type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> liveview_surface::PhotoDepth;
+type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> liveview_surface::PhotoDisparity;
 
 fn searched<'py>(
     py: Python<'py>,
@@ -206,7 +207,7 @@ fn searched<'py>(
         let others: Vec<_> = neighbours.iter().map(Photo::source).collect();
         Ok(search(&photo.source(), &others, near, far))
     })?;
-    named(py, "PhotoDepth", (found.disparity.into_pyarray(py), found.disparity_per_pixel))
+    named(py, "PhotoDisparity", (found.disparity.into_pyarray(py), found.disparity_per_pixel))
 }
 
 /// Refuses all but 0 < near < far.
@@ -233,18 +234,18 @@ pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResul
     Ok(found.into_pyarray(py))
 }
 
-fn camera_and_depth(name: &str, pair: &Object<'_>) -> PyResult<(liveview::Camera, liveview_surface::PhotoDepth)> {
-    let (of, depth) = two(name, pair, "camera and PhotoDepth")?;
+fn camera_and_depth(name: &str, pair: &Object<'_>) -> PyResult<(liveview::Camera, liveview_surface::PhotoDisparity)> {
+    let (of, depth) = two(name, pair, "camera and PhotoDisparity")?;
     let camera = camera(&format!("{name}[0]"), &of)?;
     let (disparity, disparity_per_pixel) = depth_map(&format!("{name}[1]"), &depth, &camera)?;
-    Ok((camera, liveview_surface::PhotoDepth { disparity, disparity_per_pixel }))
+    Ok((camera, liveview_surface::PhotoDisparity { disparity, disparity_per_pixel }))
 }
 
-/// The fields of a `PhotoDepth` or `ConfirmedDepth` of a camera.
+/// The fields of a `PhotoDisparity` or `ConfirmedDisparity` of a camera.
 pub(super) fn depth_map(name: &str, depth: &Object<'_>, camera: &liveview::Camera) -> PyResult<(Array2<f32>, f32)> {
     let field = |field: &str| {
         let found = depth.getattr(field);
-        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a PhotoDepth")))
+        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a PhotoDisparity")))
     };
     let disparity = map(&format!("{name}.disparity"), &field("disparity")?, camera)?;
     let pixel: f32 = field("pixel")?.extract().map_err(|_| value(&format!("{name}.pixel"), "expected a number"))?;

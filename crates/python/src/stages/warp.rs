@@ -172,13 +172,19 @@ pub(super) fn photos(images: (&str, &Object<'_>), cameras: (&str, &Object<'_>)) 
     pairs.map(|((name, image), (camera, at))| Photo::new((name, image), (camera, at))).collect()
 }
 
-/// Indices of the `count` cameras nearest to the target, nearest first, among those that face its
-/// direction.
+/// Indices of the `count` cameras to render the target from, nearest first: those that show it, from all
+/// sides; of those in `kept` (indices) the cost is a tenth lower.
 #[pyfunction]
-pub(crate) fn choose_views(cameras: &Object<'_>, target: &Object<'_>, count: &Object<'_>) -> PyResult<Vec<usize>> {
+#[pyo3(signature = (cameras, target, count, kept = Vec::new()))]
+pub(crate) fn choose_views(
+    cameras: &Object<'_>,
+    target: &Object<'_>,
+    count: &Object<'_>,
+    kept: Vec<usize>,
+) -> PyResult<Vec<usize>> {
     let (found, target) = (self::cameras("cameras", cameras)?, camera("target", target)?);
     let found: Vec<_> = found.iter().collect();
-    geometry::choose_views(&found, &target, whole("count", count)?).map_err(|error| value("cameras", error))
+    geometry::choose_views(&found, &target, whole("count", count)?, &kept).map_err(|error| value("cameras", error))
 }
 
 /// Distances of the cameras' centres to the target's, [V] float64, scene units.

@@ -8,16 +8,16 @@ use super::*;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use crate::PhotoDepth;
+use crate::PhotoDisparity;
 use liveview::geometry::{Camera, Intrinsics, Size};
 use liveview::image::ImageRgb;
 use liveview::warp::Texture;
 
 const KEY: DepthKey = DepthKey { digest: [7; 32], size: Size::new(7, 5), near: 2.0, far: 8.0 };
 
-fn depth() -> PhotoDepth {
+fn depth() -> PhotoDisparity {
     let disparity = Array2::from_shape_fn((5, 7), |(y, x)| 0.125 + 0.375 * (7 * y + x) as f32 / 34.0);
-    PhotoDepth { disparity, disparity_per_pixel: 0.0125 }
+    PhotoDisparity { disparity, disparity_per_pixel: 0.0125 }
 }
 
 /// A complete file of the depth of [`KEY`].
@@ -29,7 +29,7 @@ fn complete() -> Vec<u8> {
 fn with<T: WritableElement, D: ndarray::Dimension>(name: &str, array: &ndarray::Array<T, D>) -> Vec<u8> {
     let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
     arrays.add_array(name, array).unwrap();
-    let PhotoDepth { disparity, disparity_per_pixel } = depth();
+    let PhotoDisparity { disparity, disparity_per_pixel } = depth();
     if name != "key" {
         arrays.add_array("key", &ndarray::Array1::from_elem(32, 7_u8)).unwrap();
     }
@@ -58,8 +58,8 @@ fn npy<T: WritableElement, D: ndarray::Dimension>(array: &ndarray::Array<T, D>) 
     bytes
 }
 
-fn same(a: &PhotoDepth, b: &PhotoDepth) -> bool {
-    let bits = |depth: &PhotoDepth| depth.disparity.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+fn same(a: &PhotoDisparity, b: &PhotoDisparity) -> bool {
+    let bits = |depth: &PhotoDisparity| depth.disparity.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     a.disparity_per_pixel.to_bits() == b.disparity_per_pixel.to_bits()
         && a.disparity.dim() == b.disparity.dim()
         && bits(a) == bits(b)

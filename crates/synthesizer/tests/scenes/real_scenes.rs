@@ -68,7 +68,7 @@ fn no_scene_needs_an_option() {
         let views = SceneViews::new(Scene::open(path, &SceneOptions::default()).unwrap(), None, None);
         let target = middle_camera(&views.all_cameras());
         let camera = views.scene().views[target].camera.clone();
-        let chosen = views.choose("middle", &camera, &[target], 4).unwrap();
+        let chosen = views.choose("middle", &camera, &[target], 4, &[]).unwrap();
         let (near, far) = views.depth_range(&chosen, &[target]).unwrap();
         println!("{}: {near} to {far}", path.display());
     }

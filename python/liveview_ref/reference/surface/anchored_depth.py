@@ -24,7 +24,7 @@ from torch import Tensor
 from ..guided import box, shrink
 from ..liveview import Camera
 from .fusion import AGREEMENT, FUSED, confirmed, splat
-from .photo_depth import CELL, Anchors, CellSearch, PhotoDepth, View, planes_of, refined
+from .photo_depth import CELL, Anchors, CellSearch, PhotoDisparity, View, planes_of, refined
 from .photo_sweep import has_many_planes
 
 SOFT_SHARE = 0.22  # of the detail at half the size, below which that size has all the detail
@@ -58,7 +58,7 @@ WINDOW = 31  # cells; side of the window that decides whether a hole is kept
 EDGE = 20.0  # px by which depths within 3 x 3 cells differ where none is carried over
 
 
-def anchored_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+def anchored_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDisparity:
     """As photo_depth, with anchors.
 
     A photo without detail of one pixel is searched at the size that holds its detail, as are its
@@ -74,14 +74,14 @@ def anchored_depth(photo: View, neighbours: list[View], near: float, far: float)
     return found._replace(disparity=enlarged[:height, :width])
 
 
-def depth_at_full_size(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+def depth_at_full_size(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDisparity:
     """As anchored_depth, of a photo with detail of one pixel."""
     group = Group.of([photo, *neighbours], near, far)
     first = CellSearch.of(photo, neighbours, near, far, CELL, group.maps[0][1])
     return refined(photo, neighbours, first.again(group.anchors(photo[1].shrunk(CELL), first.depth())))
 
 
-def small_map(photo: View, others: list[View], near: float, far: float) -> PhotoDepth:
+def small_map(photo: View, others: list[View], near: float, far: float) -> PhotoDisparity:
     """The depth of a photo at the small size, searched among the others."""
     grid, _ = planes_of(photo[1], [camera for _, camera in others], near, far, SMALL_CELL)
     coarser = CellSearch.of(photo, others, near, far, LARGER_CELL).depth() if has_many_planes(grid) else None
@@ -92,7 +92,7 @@ class Group(NamedTuple):
     """A photo and its neighbours at a small size: their maps, and what the others confirm of
     each (-1 elsewhere)."""
 
-    maps: list[tuple[Camera, PhotoDepth]]
+    maps: list[tuple[Camera, PhotoDisparity]]
     confirmed: list[Tensor]
 
     @classmethod
@@ -103,7 +103,7 @@ class Group(NamedTuple):
         maps = [(view[1].shrunk(SMALL_CELL), map_) for view, map_ in zip(views, found, strict=True)]
         return cls(maps, [confirmed_by(own, maps[:i] + maps[i + 1 :], GROUP_PIXELS) for i, own in enumerate(maps)])
 
-    def anchors(self, camera: Camera, found: PhotoDepth) -> Anchors:
+    def anchors(self, camera: Camera, found: PhotoDisparity) -> Anchors:
         """Anchors of the first photo's cells, whose depth a first search found; `camera` is the
         photo's at their size."""
         own = confirmed_by((camera, found), self.maps[1:], 1)
@@ -123,7 +123,9 @@ class Group(NamedTuple):
         return torch.where(largest - smallest > EDGE * pixel, -1, map_)
 
 
-def confirmed_by(own: tuple[Camera, PhotoDepth], others: list[tuple[Camera, PhotoDepth]], scale: float) -> Tensor:
+def confirmed_by(
+    own: tuple[Camera, PhotoDisparity], others: list[tuple[Camera, PhotoDisparity]], scale: float
+) -> Tensor:
     """The disparities of a map that others confirm, with `scale` pixels for one; -1 elsewhere."""
     camera, found = own
     maps = [(camera, found._replace(pixel=scale * found.pixel)), *others]

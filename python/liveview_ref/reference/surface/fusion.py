@@ -25,7 +25,7 @@ from torch import Tensor
 from ..guided import box
 from ..layers import warp_maps
 from ..liveview import Camera, PlaneSweep
-from .photo_depth import PhotoDepth, View
+from .photo_depth import PhotoDisparity, View
 
 
 def projected(other: Camera, here: Camera, disparity: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -53,7 +53,7 @@ AGREEMENT = 2.0  # px within which two depths of a point agree
 SEEN_PAST = 4.0  # px by which another photo's depth must lie behind a point to contradict it
 
 
-def confirmed(which: int, maps: list[tuple[Camera, PhotoDepth]]) -> Tensor:
+def confirmed(which: int, maps: list[tuple[Camera, PhotoDisparity]]) -> Tensor:
     """Confirmed pixels [h, w] of map `which`: at least one other map agrees within AGREEMENT px,
     and no more maps lie SEEN_PAST px behind than agree. A single map confirms nothing."""
     camera, (disparity, pixel) = maps[which]
@@ -68,15 +68,15 @@ def confirmed(which: int, maps: list[tuple[Camera, PhotoDepth]]) -> Tensor:
     return (agree >= 1) & (agree >= seen_past)
 
 
-class ConfirmedDepth(NamedTuple):
+class ConfirmedDisparity(NamedTuple):
     """Disparities [h, w] of a photo that other photos confirm, -1 elsewhere;
-    `pixel` as PhotoDepth's."""
+    `pixel` as PhotoDisparity's."""
 
     disparity: Tensor
     pixel: float
 
     @classmethod
-    def of(cls, found: PhotoDepth, confirmed: Tensor) -> "ConfirmedDepth":
+    def of(cls, found: PhotoDisparity, confirmed: Tensor) -> "ConfirmedDisparity":
         """The result of a search, reduced to the confirmed pixels [h, w]."""
         return cls(torch.where(confirmed, found.disparity, -1), found.pixel)
 
@@ -86,7 +86,7 @@ class SurfaceView(NamedTuple):
 
     image: Tensor
     camera: Camera
-    confirmed: ConfirmedDepth
+    confirmed: ConfirmedDisparity
     gains: Tensor
 
 
@@ -172,7 +172,7 @@ MOST_DIFFERENCE = 0.2  # of colour; also outside a photo
 INSIDE = 1 - 1e-4  # coverage of a sample inside a photo; positions in float32 are exact to some 1e-6 px
 
 
-def nearer_edges(which: int, photos: list[View], maps: list[PhotoDepth], confirmed: Tensor) -> Tensor:
+def nearer_edges(which: int, photos: list[View], maps: list[PhotoDisparity], confirmed: Tensor) -> Tensor:
     """Disparity [h, w] of photo `which` of a set; `confirmed` [h, w] are its pixels that the others
     confirm."""
     image, camera = photos[which]

@@ -23,7 +23,7 @@ NEIGHBOURS = 5  # photos that a photo is matched with
 View = tuple[Tensor, Camera]  # a photo [3, h, w] and its camera
 
 
-class PhotoDepth(NamedTuple):
+class PhotoDisparity(NamedTuple):
     """Disparity [h, w] that a photo's search finds, not yet confirmed by other photos; `pixel`, the
     disparity worth one pixel of parallax in the neighbour with most of it, rounded to float32."""
 
@@ -110,7 +110,7 @@ class CellSearch(NamedTuple):
         near: float,
         far: float,
         cell: int,
-        coarser: PhotoDepth | None = None,
+        coarser: PhotoDisparity | None = None,
     ) -> "CellSearch":
         """`coarser`: what a search on cells twice as large found."""
         image, camera = photo
@@ -127,22 +127,22 @@ class CellSearch(NamedTuple):
         found = median3(aggregate(anchors.added_to(self.costs, self.grid), self.photo, candidates))
         return self._replace(index=torch.where(anchors.kept, self.index, found))
 
-    def depth(self) -> PhotoDepth:
+    def depth(self) -> PhotoDisparity:
         """The depth of each cell."""
-        return PhotoDepth(self.grid.disparity(self.index), self.pixel)
+        return PhotoDisparity(self.grid.disparity(self.index), self.pixel)
 
 
-def photo_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDepth:
+def photo_depth(photo: View, neighbours: list[View], near: float, far: float) -> PhotoDisparity:
     """The depth of `photo` between `near` and `far`, searched among its neighbours (at least
     one)."""
     return refined(photo, neighbours, CellSearch.of(photo, neighbours, near, far, CELL))
 
 
-def refined(photo: View, neighbours: list[View], first: CellSearch) -> PhotoDepth:
+def refined(photo: View, neighbours: list[View], first: CellSearch) -> PhotoDisparity:
     """The second search, around the result of the first."""
     image, camera = photo
     fine = first.grid.divided(FINE_STEPS)
     candidates = Candidates.two(bands(first.index, FINE_STEPS, fine.count), *image.shape[1:])
     volume = costs(image, camera, neighbours, fine, candidates, 1)
     index = median3(aggregate(volume, image, candidates))
-    return PhotoDepth(fine.disparity(index), first.pixel)
+    return PhotoDisparity(fine.disparity(index), first.pixel)

@@ -22,8 +22,8 @@ from ..view_agreement import agreement_logits
 from ..views import nearest_first
 from .anchored_depth import anchored_depth
 from .correction import CORRECTED_POWER, corrected, exposure_gains, sharpening
-from .fusion import ConfirmedDepth, SurfaceView, confirmed, nearer_edges
-from .photo_depth import NEIGHBOURS, PhotoDepth, View
+from .fusion import ConfirmedDisparity, SurfaceView, confirmed, nearer_edges
+from .photo_depth import NEIGHBOURS, PhotoDisparity, View
 from .target_surface import OCCLUSION_MARGIN, seen, surface
 
 EXTRA_PHOTOS = 2  # beside those to render from, for the depth
@@ -35,17 +35,17 @@ def neighbours_of(cameras: list[Camera], which: int) -> list[int]:
     return [i for i in nearest_first(cameras, cameras[which]) if i != which][:NEIGHBOURS]
 
 
-def confirmed_views(photos: list[View], depths: list[PhotoDepth]) -> list[SurfaceView]:
+def confirmed_views(photos: list[View], depths: list[PhotoDisparity]) -> list[SurfaceView]:
     """Photos with what the others of them confirm of their depth, once its edges are moved."""
     cameras = [camera for _, camera in photos]
 
-    def sure(maps: list[PhotoDepth]) -> list[Tensor]:
+    def sure(maps: list[PhotoDisparity]) -> list[Tensor]:
         return [confirmed(i, list(zip(cameras, maps, strict=True))) for i in range(len(maps))]
 
     first = sure(depths)
     moved = [d._replace(disparity=nearer_edges(i, photos, depths, first[i])) for i, d in enumerate(depths)]
     found = zip(photos, moved, sure(moved), strict=True)
-    return [SurfaceView(*photo, ConfirmedDepth.of(d, s), torch.ones(3).to(d.disparity)) for photo, d, s in found]
+    return [SurfaceView(*photo, ConfirmedDisparity.of(d, s), torch.ones(3).to(d.disparity)) for photo, d, s in found]
 
 
 def hide(masks: Tensor, colour: Tensor, coverage: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -84,7 +84,7 @@ def render(
     far: float,
     views: int,
     layers: int = 3,
-    search: Callable[[View, list[View], float, float], PhotoDepth] = anchored_depth,
+    search: Callable[[View, list[View], float, float], PhotoDisparity] = anchored_depth,
 ) -> tuple[Composited, Intermediates]:
     """A picture from `views` of the photos [3, h, w] of a scene, whose depth lies between near and
     far, cropped to the target's size; the intermediates are not. alpha is that of the paper, which
