@@ -66,8 +66,10 @@ pub fn choose_views(
     let points = points_before(target, focus(&pooled, target));
     let sees = |camera: &&Camera| points.iter().map(|&point| is_in_view(camera, point)).collect::<Vec<bool>>();
     let seen: Vec<Vec<bool>> = pooled.iter().map(sees).collect();
-    let directions: Vec<DVec3> =
-        pooled.iter().map(|camera| (camera.centre() - target.centre()).normalize_or_zero()).collect();
+    // A camera in the target's place has no direction.
+    let least = (ROUNDING * pooled.last().map_or(0.0, |camera| distance(camera, target))).max(f64::MIN_POSITIVE);
+    let direction = |camera: &&Camera| (camera.centre() - target.centre()) / distance(camera, target).max(least);
+    let directions: Vec<DVec3> = pooled.iter().map(direction).collect();
     let mut times_seen = vec![0; points.len()];
     let mut chosen: Vec<usize> = Vec::with_capacity(count);
     while chosen.len() < count {

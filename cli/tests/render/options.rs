@@ -115,17 +115,19 @@ fn scores_are_a_table_with_a_line_per_picture() {
     let report: Value = serde_json::from_str(&run(folders.liveview("render", &arguments).arg("--json"))).unwrap();
     let table = fs::read_to_string(&file).unwrap();
     let lines: Vec<&str> = table.lines().collect();
-    assert_eq!(lines[0], "name,psnr,ssim,uncovered_share,occluded_share,seconds");
+    assert_eq!(lines[0], "name,psnr,ssim,psnr_covered,uncovered_share,occluded_share,guessed_share,seconds");
     assert_eq!(lines.len(), 3);
     for (line, (name, target)) in
         lines[1..].iter().zip(["0.png", "\"4, last.png\""].iter().zip(report["targets"].as_array().unwrap()))
     {
-        let numbers: Vec<f64> =
-            line.strip_prefix(&format!("{name},")).unwrap().split(',').map(|n| n.parse().unwrap()).collect();
-        for (number, key) in numbers.iter().zip(["psnr", "ssim", "uncovered_share", "occluded_share"]) {
-            assert_eq!(Some(*number), target[key].as_f64(), "{key} in {line}");
+        let numbers: Vec<Option<f64>> =
+            line.strip_prefix(&format!("{name},")).unwrap().split(',').map(|n| n.parse().ok()).collect();
+        for (number, key) in
+            numbers.iter().zip(["psnr", "ssim", "psnr_covered", "uncovered_share", "occluded_share", "guessed_share"])
+        {
+            assert_eq!(*number, target[key].as_f64(), "{key} in {line}");
         }
-        assert!(numbers.len() == 5 && numbers[4] > 0.0, "{line}");
+        assert!(numbers.len() == 7 && numbers[0].is_some() && numbers[6] > Some(0.0), "{line}");
     }
     let text = run(&mut folders.liveview("render", &arguments));
     assert!(text.contains(&format!("wrote   {file}")), "{text}");

@@ -34,7 +34,7 @@ NEAR_EDGE = 3  # pixels from an edge that are left out of tearing
 TORN = 40 / 255  # a larger error in some channel is visible
 SHEET_WIDTH = 1440
 METRICS = {"psnr": ("PSNR dB", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 3), "torn": ("torn %", 2)}
-COLUMNS = METRICS | {"uncovered": ("uncovered %", 2)}  # name, digits
+COLUMNS = METRICS | {"uncovered": ("uncovered %", 2), "guessed": ("guessed %", 1)}  # name, digits
 
 Scores = dict[str, float]
 
@@ -90,6 +90,7 @@ def score_scene(binary: Path, root: Path, spec: dict, options: list[str], weight
             pair = picture[INNER], truth[INNER]
             found = {"psnr": psnr(*pair), "ssim": ssim(*pair), "lpips": lpips(weights, *pair), "torn": tearing(*pair)}
             found["uncovered"] = 100 * target["uncovered_share"]
+            found["guessed"] = 100 * (target["guessed_share"] or 0)
             scores[name] = {key: round(value, 5) for key, value in found.items()}
             images.append(image)
     return scores, images

@@ -36,7 +36,8 @@ def choose_views(cameras: list[Camera], target: Camera, count: int, kept: Sequen
     pool = pool[: max(POOL, count)]
     apart = torch.stack([cameras[i].centre - target.centre for i in pool])
     distances = apart.norm(dim=1)
-    directions = torch.nn.functional.normalize(apart, dim=1, eps=torch.finfo(apart.dtype).tiny)
+    least = max(ROUNDING * float(distances.max()), torch.finfo(apart.dtype).tiny)  # the target's place has no direction
+    directions = torch.nn.functional.normalize(apart, dim=1, eps=least)
     points = points_before(target, focus([cameras[i] for i in pool], target))
     seen = torch.stack([is_in_view(cameras[i], points) for i in pool])
     discount = torch.tensor([KEPT if i in kept else 1.0 for i in pool], dtype=torch.float64)

@@ -221,7 +221,9 @@ def test_warp_of_a_smaller_photo(liveview, kind):
 def test_views_planes_and_metrics(liveview, case):
     images, cameras, target = case[0]
     facing = len([camera for camera in cameras if float(camera.forward @ target.forward) > 0.5])
-    assert liveview.choose_views(cameras, target, facing) == choose_views(cameras, target, facing)
+    for count in range(1, facing + 1):
+        for kept in ((), (len(cameras) - 1,), tuple(range(0, len(cameras), 2))):
+            assert liveview.choose_views(cameras, target, count, kept) == choose_views(cameras, target, count, kept)
     expected = uniform_disparities(NEAR, np.inf, 9)
     np.testing.assert_allclose(liveview.uniform_disparities(NEAR, np.inf, 9), expected, rtol=1e-15)
     first, second = images[:2]

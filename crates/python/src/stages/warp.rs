@@ -175,7 +175,7 @@ pub(super) fn photos(images: (&str, &Object<'_>), cameras: (&str, &Object<'_>)) 
 /// Indices of the `count` cameras to render the target from, nearest first: those that show it, from all
 /// sides; of those in `kept` (indices) the cost is a tenth lower.
 #[pyfunction]
-#[pyo3(signature = (cameras, target, count, kept = Vec::new()))]
+#[pyo3(signature = (cameras, target, count, kept = Vec::new()), text_signature = "(cameras, target, count, kept=())")]
 pub(crate) fn choose_views(
     cameras: &Object<'_>,
     target: &Object<'_>,
