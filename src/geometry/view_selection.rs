@@ -96,17 +96,18 @@ pub fn choose_views(
 /// distance.
 fn focus(cameras: &[&Camera], target: &Camera) -> f64 {
     let (centre, forward) = (target.centre(), target.forward());
+    let median = cameras.get(cameras.len() / 2).map_or(0.0, |camera| distance(camera, target));
     let depth = |camera: &&Camera| {
         let (apart, axis) = (centre - camera.centre(), camera.forward());
         let (cosine, a, b) = (forward.dot(axis), forward.dot(apart), axis.dot(apart));
-        let [depth, of_camera] = [cosine * b - a, b - cosine * a].map(|depth| depth / (1.0 - cosine * cosine));
-        (1.0 - cosine * cosine > 1e-6 && depth > 0.0 && of_camera > 0.0).then_some(depth)
+        let sine = 1.0 - cosine * cosine;
+        let [depth, of_camera] = [cosine * b - a, b - cosine * a].map(|depth| depth / sine);
+        (sine > 1e-6 && depth.min(of_camera) > 1e-6 * median).then_some(depth)
     };
     let mut depths: Vec<f64> = cameras.iter().filter_map(depth).collect();
     depths.sort_unstable_by(f64::total_cmp);
-    let apart = cameras.get(cameras.len() / 2).map_or(0.0, |camera| distance(camera, target));
-    let depth = if 2 * depths.len() > cameras.len() { depths[depths.len() / 2] } else { 10.0 * apart };
-    depth.max(apart)
+    let depth = if 2 * depths.len() > cameras.len() { depths[depths.len() / 2] } else { 10.0 * median };
+    depth.max(median)
 }
 
 /// Points of the world at the target's pixels in a regular grid, at three depths about the given one.

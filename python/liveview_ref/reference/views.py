@@ -60,13 +60,14 @@ def focus(cameras: list[Camera], target: Camera) -> float:
     median of those in front of both; ten times their median distance if that is at most half of
     them. At least that distance."""
     depths = []
-    for camera in cameras:
-        apart, cosine = target.centre - camera.centre, target.forward @ camera.forward
-        a, b = target.forward @ apart, camera.forward @ apart
-        depth, of_camera = cosine * b - a, b - cosine * a
-        if 1 - cosine**2 > 1e-6 and depth > 0 and of_camera > 0:
-            depths.append(float(depth / (1 - cosine**2)))
     apart = float((cameras[len(cameras) // 2].centre - target.centre).norm()) if cameras else 0.0
+    for camera in cameras:
+        from_camera, cosine = target.centre - camera.centre, target.forward @ camera.forward
+        a, b = target.forward @ from_camera, camera.forward @ from_camera
+        sine = 1 - cosine**2
+        depth, of_camera = (cosine * b - a) / sine, (b - cosine * a) / sine
+        if sine > 1e-6 and min(depth, of_camera) > 1e-6 * apart:
+            depths.append(float(depth))
     depth = sorted(depths)[len(depths) // 2] if 2 * len(depths) > len(cameras) else 10 * apart
     return max(depth, apart)
 
