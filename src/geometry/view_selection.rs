@@ -100,9 +100,9 @@ fn focus(cameras: &[&Camera], target: &Camera) -> f64 {
     let depth = |camera: &&Camera| {
         let (apart, axis) = (centre - camera.centre(), camera.forward());
         let (cosine, a, b) = (forward.dot(axis), forward.dot(apart), axis.dot(apart));
-        let sine = 1.0 - cosine * cosine;
-        let [depth, of_camera] = [cosine * b - a, b - cosine * a].map(|depth| depth / sine);
-        (sine > 1e-6 && depth.min(of_camera) > 1e-6 * median).then_some(depth)
+        let squared_sine = 1.0 - cosine * cosine;
+        let [depth, of_camera] = [cosine * b - a, b - cosine * a].map(|depth| depth / squared_sine);
+        (squared_sine > 1e-6 && depth.min(of_camera) > 1e-6 * median).then_some(depth)
     };
     let mut depths: Vec<f64> = cameras.iter().filter_map(depth).collect();
     depths.sort_unstable_by(f64::total_cmp);

@@ -7,8 +7,8 @@ use crate::{Plan, SceneViews, Shot};
 use liveview::geometry::{Camera, PlaneSweep};
 use liveview::{Frame, ImageRgb};
 
-/// The share of guessed pixels from which on the reason is given (docs/design-log/guessed.md).
-const MANY: f64 = 0.1;
+/// The share of guessed pixels from which on the reason is given (docs/design-log/view-choice.md).
+const MANY: f64 = 0.15;
 /// Every so-many-th row and column is looked at.
 const STEP: usize = 4;
 /// A pixel has no texture if no neighbour at that many pixels differs by more, in [0, 1].

@@ -64,9 +64,9 @@ def focus(cameras: list[Camera], target: Camera) -> float:
     for camera in cameras:
         from_camera, cosine = target.centre - camera.centre, target.forward @ camera.forward
         a, b = target.forward @ from_camera, camera.forward @ from_camera
-        sine = 1 - cosine**2
-        depth, of_camera = (cosine * b - a) / sine, (b - cosine * a) / sine
-        if sine > 1e-6 and min(depth, of_camera) > 1e-6 * apart:
+        squared_sine = 1 - cosine**2
+        depth, of_camera = (cosine * b - a) / squared_sine, (b - cosine * a) / squared_sine
+        if squared_sine > 1e-6 and min(depth, of_camera) > 1e-6 * apart:
             depths.append(float(depth))
     depth = sorted(depths)[len(depths) // 2] if 2 * len(depths) > len(cameras) else 10 * apart
     return max(depth, apart)
