@@ -23,6 +23,17 @@ pub struct Intrinsics {
     pub skew: f64,
 }
 
+impl Intrinsics {
+    /// Those of a picture resampled by these factors.
+    fn scaled(self, across: f64, down: f64) -> Self {
+        let Self { fx, fy, cx, cy, skew } = self;
+        Self { fx: fx * across, fy: fy * down, cx: cx * across, cy: cy * down, skew: skew * across }
+    }
+}
+
+/// Largest intrinsics, pixels, and the reciprocal of the smallest focal length: products of four have room in f64.
+const MAX_PIXELS: f64 = 1e75;
+
 /// A pinhole camera: intrinsics, image size and pose. Always valid: [`Camera::new`] checks its
 /// fields, which are private.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,17 +77,15 @@ impl Camera {
         for (field, value) in [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy), ("skew", skew)] {
             finite(|| field.to_owned(), value)?;
         }
-        for (field, value) in [("fx", fx), ("fy", fy)] {
-            if value <= 0.0 {
-                return Err(CameraError::SingularK { field, value });
-            }
-        }
-        // A denormal focal length is positive, and its reciprocal is not finite.
-        if !self.k_inverse().to_cols_array().iter().all(|x| x.is_finite()) {
-            let (field, value) = if fx < fy { ("fx", fx) } else { ("fy", fy) };
+        if let Some((field, value)) = [("fx", fx), ("fy", fy)].into_iter().find(|&(_, value)| value < 1.0 / MAX_PIXELS)
+        {
             return Err(CameraError::SingularK { field, value });
         }
-        Ok(())
+        let all = [("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy), ("skew", skew)];
+        match all.into_iter().find(|(_, value)| value.abs() > MAX_PIXELS) {
+            Some((field, value)) => Err(CameraError::TooLarge { field, value }),
+            None => Ok(()),
+        }
     }
 
     fn check_pose(&self) -> Result<(), CameraError> {
@@ -166,17 +175,16 @@ impl Camera {
     pub fn with_size_scaled(&self, width: usize, height: usize) -> Result<Self, CameraError> {
         let across = width as f64 / self.width as f64;
         let down = height as f64 / self.height as f64;
-        let Intrinsics { fx, fy, cx, cy, skew } = self.intrinsics;
-        let scaled = Intrinsics { fx: fx * across, fy: fy * down, cx: cx * across, cy: cy * down, skew: skew * across };
-        Self::new(scaled, width, height, self.rotation, self.translation)
+        Self::new(self.intrinsics.scaled(across, down), width, height, self.rotation, self.translation)
     }
 
     /// The camera of a photo whose cells of `cell`×`cell` pixels are averaged, fewer at the right and
     /// lower edge.
     pub fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
-        let whole = self.with_window(0.0, 0.0, width * cell, height * cell);
-        whole.and_then(|whole| whole.with_size_scaled(width, height)).expect("a smaller camera")
+        let scale = |cells: usize| cells as f64 / (cells * cell) as f64;
+        // Not checked again: MAX_PIXELS leaves room for K of all smaller sizes and their inverses.
+        Self { intrinsics: self.intrinsics.scaled(scale(width), scale(height)), width, height, ..self.clone() }
     }
 
     /// The same camera for a window of its image plane: a crop, or (negative `left` and `top`,
@@ -238,6 +246,14 @@ pub enum CameraError {
     #[error("K is singular: {field} is {value:?}, expected a positive focal length in pixels")]
     SingularK {
         /// `fx` or `fy`.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// An intrinsic parameter that no picture has.
+    #[error("{field} is {value:?}: expected at most 1e75 pixels")]
+    TooLarge {
+        /// `fx`, `fy`, `cx`, `cy` or `skew`.
         field: &'static str,
         /// Its value.
         value: f64,
@@ -344,6 +360,10 @@ mod tests {
         assert_eq!(message, "K is singular: fy is 0.0, expected a positive focal length in pixels");
         assert!(refused(Intrinsics { fx: -700.0, ..K }, 640, r, t).contains("fx is -700"));
         assert!(refused(Intrinsics { fx: 1e-320, ..K }, 640, r, t).contains("K is singular: fx"));
+        assert!(refused(Intrinsics { fy: 1e-308, ..K }, 640, r, t).contains("K is singular: fy"));
+        assert!(
+            refused(Intrinsics { skew: -1e76, ..K }, 640, r, t).starts_with("skew is -1e76: expected at most 1e75")
+        );
         assert!(refused(K, 640, r, DVec3::new(0.0, f64::INFINITY, 0.0)).starts_with("translation[1] is inf"));
         let far = DVec3::new(0.0, 6e153, 0.0);
         let [here, there] = [far, -far].map(|translation| Camera::new(K, 640, 480, r, translation).unwrap().centre());
@@ -354,6 +374,19 @@ mod tests {
         assert!(refused(K, 640, rotation, t).starts_with("rotation[0][1] is NaN"));
         assert!(refused(K, 0, r, t).starts_with("the image size is 0x480"));
         assert!(refused(K, MAX_SIDE + 1, r, t).starts_with("the image size is 16385x480"));
+    }
+
+    #[test]
+    fn all_smaller_sizes_of_a_valid_camera_have_an_inverse() {
+        let ends = [1.0 / MAX_PIXELS, MAX_PIXELS];
+        for [fx, fy, cx, skew] in ends.iter().flat_map(|&fx| ends.map(|fy| [fx, fy, -MAX_PIXELS, MAX_PIXELS])) {
+            let intrinsics = Intrinsics { fx, fy, cx, cy: MAX_PIXELS, skew };
+            let camera = Camera::new(intrinsics, MAX_SIDE, 1, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+            for cell in [1, 2, 8, 64, MAX_SIDE] {
+                let shrunk = camera.shrunk(cell).shrunk(cell);
+                assert!(shrunk.k_inverse().to_cols_array().iter().all(|x| x.is_finite()), "{intrinsics:?} {cell}");
+            }
+        }
     }
 
     #[test]

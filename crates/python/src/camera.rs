@@ -54,7 +54,7 @@ impl Convention {
 pub(crate) fn refused(error: &CameraError, [k, pose, size]: [&str; 3]) -> PyErr {
     let argument = match error {
         CameraError::Size { .. } => size,
-        CameraError::SingularK { .. } | CameraError::Matrix { matrix: "K", .. } => k,
+        CameraError::SingularK { .. } | CameraError::TooLarge { .. } | CameraError::Matrix { matrix: "K", .. } => k,
         CameraError::NotFinite { field, .. } if ["fx", "fy", "cx", "cy", "skew"].contains(&field.as_str()) => k,
         _ => pose,
     };
