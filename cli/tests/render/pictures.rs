@@ -252,9 +252,9 @@ fn explain_reports_gains_and_sharpening_unless_they_are_disabled() {
     let report = json(&mut folders.render(&arguments));
     assert_eq!((&report["layers"], &report["targets"][0]["layers"]), (&"surface:2".into(), &2.into()));
     let explained = &report["explanation"];
-    assert!(explained["surface"]["holes"].as_f64().unwrap() < 0.5, "{explained}");
+    assert!(explained["surface"]["guessed_share"].as_f64().unwrap() < 0.5, "{explained}");
     assert_eq!(explained["gains"].as_array().unwrap().len(), 4, "{explained}");
-    assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(WIDTH as usize, HEIGHT as usize));
+    assert_eq!(image::read_size(why.as_ref()).unwrap(), Size::new(2 * WIDTH as usize + 4, HEIGHT as usize));
     let kept = json(folders.render(&arguments).arg("--keep-exposure"));
     let gains = kept["explanation"]["gains"].as_array().unwrap().clone();
     assert!(gains.iter().flat_map(|view| view.as_array().unwrap()).all(|gain| gain == 1.0), "{gains:?}");
