@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 #[cfg(feature = "viewer")]
-use commands::view;
+use commands::{bake, view};
 use commands::{depth, inspect, render, sweep, video};
 
 const EXAMPLES: &str = "\
@@ -46,6 +46,9 @@ enum Command {
     #[cfg(feature = "viewer")]
     /// Look around a scene in a browser
     View(view::ViewArgs),
+    #[cfg(feature = "viewer")]
+    /// Write a scene as one page that opens in any browser, without a server
+    Bake(bake::BakeArgs),
     /// Show how a scene is read, which planes a view needs, or what a model is
     Inspect(Box<inspect::InspectArgs>),
     /// Write the depth of the photos, and score it if the scene has true depth
@@ -69,6 +72,8 @@ fn main() -> ExitCode {
         Command::Video(args) => video::run(args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view::run(args),
+        #[cfg(feature = "viewer")]
+        Command::Bake(args) => bake::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Depth(args) => depth::run(args),
         Command::Sweep(args) => sweep::run(args),

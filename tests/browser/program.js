@@ -31,8 +31,9 @@ export async function view(folder, ...args) {
   return { child, ended, link, started };
 }
 
-// Seconds of CPU that a process has used so far.
-export function cpuSeconds(pid) {
+// Seconds of processor time that a process has used so far, and its memory, MB.
+export function used(pid) {
   const fields = readFileSync(`/proc/${pid}/stat`, "utf8").replace(/^.*\) /s, "").split(" ");
-  return (Number(fields[11]) + Number(fields[12])) / 100;
+  const memory = readFileSync(`/proc/${pid}/status`, "utf8").match(/VmRSS:\s+(\d+)/);
+  return { seconds: (Number(fields[11]) + Number(fields[12])) / 100, memory: Number(memory[1]) / 1024 };
 }

@@ -1,5 +1,7 @@
 //! One module per subcommand.
 
+#[cfg(feature = "viewer")]
+pub(crate) mod bake;
 pub(crate) mod depth;
 pub(crate) mod inspect;
 pub(crate) mod render;

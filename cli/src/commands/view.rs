@@ -11,7 +11,7 @@ use serde_json::json;
 
 use crate::args::numbers::frame_rate;
 use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers};
-use crate::console::{Output, full_text, print_message, print_note, print_notes};
+use crate::console::{Output, print_message, print_note, print_notes};
 use crate::interrupt;
 use crate::job::{self, Job};
 
@@ -19,11 +19,11 @@ const EXAMPLES: &str = "\
 Examples:
   liveview view scene --open
   liveview view scene --bind 192.168.1.2 --port 9000
+  liveview view scene --origin https://notebook.example
   liveview view rig --fps 25
 
-On the page: drag to move the viewpoint, scroll or pinch to go forward and back, shift-drag to turn;
-or use the arrow keys, with shift to turn. The space bar starts and stops the video of a rig (see
-`liveview video --help`).";
+The page draws the scene itself, by WebGL 2; `liveview bake` writes it as a file that needs no server.
+The space bar starts and stops the video of a rig (see `liveview video --help`).";
 
 /// Options of `liveview view`.
 #[derive(Debug, Args)]
@@ -37,13 +37,18 @@ pub(crate) struct ViewArgs {
     /// Such as 192.168.1.2. By default only this machine has access.
     #[arg(long, value_name = "ADDRESS")]
     bind: Option<IpAddr>,
+    /// Origin of an https front that passes requests on to this program, to give others access by a token
+    ///
+    /// Such as https://host.example of a tunnel or an ingress.
+    #[arg(long, value_name = "URL")]
+    origin: Option<String>,
     /// Open the link in the browser
     #[arg(long)]
     open: bool,
     /// Time steps per second of a rig [default: its videos' frame rate, else 30]
     #[arg(long, value_name = "N", value_parser = frame_rate)]
     fps: Option<FrameRate>,
-    /// Photos to hold out, by name; a picture at the pose of one is scored against it
+    /// Photos to hold out, by name; at the pose of one the picture is compared with it
     #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
     target: Vec<String>,
     /// Hold out every Nth photo
@@ -58,7 +63,7 @@ pub(crate) struct ViewArgs {
 }
 
 pub(crate) fn run(args: &ViewArgs) -> Result<Output> {
-    let viewer = Viewer::listen(args.bind, args.port)?;
+    let viewer = Viewer::listen(args.bind, args.port, args.origin.as_deref())?;
     let (shown, held_out, model) = match Rig::find(args.scene.folder(), &args.scene.options(), args.scene.depth())? {
         Some(rig) => open_rig(args, rig)?,
         None => open_photos(args)?,
@@ -67,9 +72,7 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Output> {
         held_out,
         engine: model.engine(),
         without_network: model.model.is_none(),
-        threads: model.threads,
         note: print_note,
-        error_text: full_text,
     };
     let served = viewer.serve(shown, settings, interrupt::watch, |link| {
         print_message("open", format_args!("{link} (Ctrl-C ends it)"));
@@ -110,5 +113,5 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
     let held_out = held_out(scene, args.heldout, &args.target)?;
     let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
     let (rig, model) = job::open_rig(rig, &args.model, &args.layers.choice, args.layers.keep_exposure)?;
-    Ok((Shown::Video { rig: Box::new(rig), batch: args.model.batch, rate }, held_out, model))
+    Ok((Shown::Video { rig: Box::new(rig), rate }, held_out, model))
 }

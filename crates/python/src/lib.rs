@@ -7,6 +7,7 @@
 #![allow(clippy::too_many_arguments, reason = "Python names arguments")]
 
 mod arguments;
+mod bake;
 mod camera;
 mod engine;
 mod frame;
@@ -21,6 +22,7 @@ mod _liveview {
     #[pymodule_export]
     use crate::{
         arguments::Error,
+        bake::bake,
         camera::Camera,
         frame::{Frame, Frames},
         scene::Scene,

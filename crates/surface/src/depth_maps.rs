@@ -115,6 +115,23 @@ impl DepthMaps {
         Some((depth, confirmed))
     }
 
+    /// The depth of the first of these photos (indices with cameras and photos), moved to the nearer side at edges where the
+    /// others show that ([`nearer_edges`]), and where their depths confirm it. All have depth.
+    ///
+    /// # Panics
+    ///
+    /// If there are no photos, or one is without depth.
+    pub fn nearer_by_others(&mut self, photos: &[(usize, SourceView<'_>)]) -> (PhotoDepth, ConfirmedDepth) {
+        let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
+        let confirmed = self.confirmed_by(set[0], &set);
+        let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
+        let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
+        let nearer = nearer_edges(&found, 0, &confirmed);
+        let others = found[1..].iter().map(|&(view, depth)| (view.camera, depth));
+        let confirmed = confirmed_by((found[0].0.camera, &nearer), others);
+        (nearer, confirmed)
+    }
+
     /// The depths of these photos (indices with cameras and photos), in their order, where they confirm
     /// each other; photos without depth are left out. At edges, depth is moved to the nearer side where
     /// others of the set show that ([`nearer_edges`]).

@@ -178,6 +178,31 @@ impl ScenePhotos {
         Ok(found)
     }
 
+    /// As [`Self::view_depth`], moved to the nearer side at edges where the photo's neighbours show that: for a surface that is drawn.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Self::view_depth`].
+    ///
+    /// # Panics
+    ///
+    /// If there is no such view, or it is held out.
+    pub fn edge_depth(
+        &mut self,
+        view: usize,
+        held_out: &[usize],
+        later: &[usize],
+    ) -> Result<ViewDepth, SynthesisError> {
+        let wanted = with_held_out(&mut self.depth, &self.views, held_out)?.with_neighbours(view);
+        self.find_all(held_out, &wanted)?;
+        let photos = self.load_views(&wanted)?;
+        let photos: Vec<_> = photos.iter().map(|photo| (photo.view, photo.source())).collect();
+        let maps = &mut with_held_out(&mut self.depth, &self.views, held_out)?.maps;
+        let (found, confirmed) = maps.nearer_by_others(&photos);
+        let depth = self.view_depth(view, held_out, later)?;
+        Ok(ViewDepth { found: Arc::new(found), confirmed, ..depth })
+    }
+
     /// Finds the depth of these views' photos where it is unknown.
     fn find_all(&mut self, held_out: &[usize], wanted: &[usize]) -> Result<(), SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;

@@ -79,7 +79,7 @@ impl ScenePhotos {
 
     /// The photos of these views, those that are not in memory read from their files side by side. Of
     /// several errors it is the first view's.
-    fn load_views(&mut self, views: &[usize]) -> Result<Vec<LoadedPhoto>, SceneError> {
+    pub(crate) fn load_views(&mut self, views: &[usize]) -> Result<Vec<LoadedPhoto>, SceneError> {
         let load = |&view: &usize| LoadedPhoto::read(self.views.scene(), view, self.textures[view].as_ref());
         let loaded: Vec<_> = views.par_iter().map(load).collect();
         let store = |photo: Result<LoadedPhoto, SceneError>| {

@@ -305,6 +305,19 @@ def guided_layers(
 ) -> np.ndarray:
     """`count` guided layers as maps of disparity [count, H, W] over the padded target."""
 
+def bake(
+    scene: Scene,
+    path: str | PathLike[str],
+    *,
+    max_mb: float = 8.0,
+    held_out: Sequence[str | int] | None = None,
+    near: float | None = None,
+    far: float | None = None,
+) -> list[str]:
+    """Writes a scene as one page that opens in any browser, without a server; returns what was left
+    out, a line each. `max_mb`: its largest size in millions of bytes. `held_out`: views to compare
+    with, by name or index. `near`, `far`: depth range, scene units, by default the scene's."""
+
 def choose_views(
     cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()
 ) -> list[int]:

@@ -1,12 +1,13 @@
-//! The HTTP server, in its own thread, and its connections: a WebSocket for each client, and files on request.
+//! The HTTP server, in its own thread, and its connections.
 
+mod guard;
 mod routes;
-mod socket;
+pub(crate) mod viewer;
 
-use std::collections::HashMap;
 use std::io;
 use std::net::{self, IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::pin::pin;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -14,15 +15,17 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use axum::Router;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::{oneshot, watch};
 use tokio::time::{sleep, timeout};
 use tokio_io_timeout::TimeoutStream;
 
 use routes::routes;
-pub(crate) use routes::{App, Guard};
+pub(crate) use guard::Guard;
+pub(crate) use routes::App;
 
 /// Time for open connections to end.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
@@ -73,7 +76,6 @@ impl Server {
 
     /// Closes all connections and ends the thread.
     pub(crate) fn stop(self) -> Result<()> {
-        self.app.queue.stop();
         self.app.stopping.send_replace(true);
         Ok(self.thread.join().map_err(|_| anyhow::anyhow!("the server ended unexpectedly"))??)
     }
@@ -89,10 +91,9 @@ async fn run(listener: net::TcpListener, app: Arc<App>) -> io::Result<()> {
     Ok(())
 }
 
-/// Connections that are served at a time, WebSockets not counted; further ones wait until one ends.
-const MAX_SERVED: usize = 64;
-/// Connections that are open at a time.
-const MAX_OPEN: usize = 192;
+/// Connections at a time, of an address and in all: a further one takes the place of the one that has been idle longest.
+const MAX_OF_ADDRESS: usize = 192;
+const MAX_OPEN: usize = 384;
 /// Time to receive the head of a request, and between two requests.
 const HEAD_TIMEOUT: Duration = Duration::from_secs(10);
 /// Bytes of a request's head.
@@ -103,7 +104,6 @@ const MAX_HEAD_LINES: usize = 64;
 const CONNECTION_TIMEOUT: Duration = Duration::from_secs(600);
 /// Time before accepting again after a failure, such as too many open files.
 const RETRY: Duration = Duration::from_millis(100);
-
 /// How long a client may receive nothing while there is something to send.
 const STALL_TIMEOUT: Duration = Duration::from_secs(8);
 
@@ -113,39 +113,40 @@ pub(crate) async fn serve(
     routes: Router,
     mut stopping: watch::Receiver<bool>,
 ) -> io::Result<()> {
-    let (open, served) = (Arc::new(Semaphore::new(MAX_OPEN)), Arc::new(Semaphore::new(MAX_SERVED)));
-    let shares = AddressShares::default();
+    let connections = Connections::default();
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new())
         .header_read_timeout(HEAD_TIMEOUT)
         .max_header_size(MAX_HEAD_BYTES)
         .max_headers(MAX_HEAD_LINES);
     loop {
-        let (place, stream, address) = tokio::select! {
-            accepted = accept(&listener, &open) => accepted?,
+        let (stream, address) = tokio::select! {
+            accepted = accept(&listener) => accepted,
             _ = stopping.wait_for(|&stopping| stopping) => return Ok(()),
         };
-        let Some(share) = shares.open(address) else { continue };
-        // Frames are sent at once, not together with the next one.
+        let Some((place, replaced)) = connections.open(address) else { continue };
         let _ = stream.set_nodelay(true);
         let mut stream = Box::pin(TimeoutStream::new(stream));
         stream.as_mut().set_write_timeout_pinned(Some(STALL_TIMEOUT));
-        let service = TowerToHyperService::new(routes.clone());
-        let connection = http.serve_connection(TokioIo::new(stream), service).with_upgrades();
-        let (mut stopping, served) = (stopping.clone(), Arc::clone(&served));
+        let (answer, busy) = (TowerToHyperService::new(routes.clone()), Arc::clone(&place.busy));
+        let service = service_fn(move |request| {
+            let (answer, busy) = (answer.call(request), Arc::clone(&busy));
+            busy.store(true, Ordering::Relaxed);
+            async move {
+                let answer = answer.await;
+                busy.store(false, Ordering::Relaxed);
+                answer
+            }
+        });
+        let connection = http.serve_connection(TokioIo::new(stream), service);
+        let mut stopping = stopping.clone();
         tokio::spawn(async move {
-            // First of the address, so that those that wait take no place from other addresses.
-            let places = async { (share.served.acquire().await, served.acquire().await) };
-            let stopped = async { drop(stopping.clone().wait_for(|&stopping| stopping).await) };
-            let places = tokio::select! {
-                places = places => places,
-                () = stopped => return,
-            };
             let mut connection = pin!(connection);
             let stop = async { drop(stopping.wait_for(|&stopping| stopping).await) };
             // Errors of the connection mean that the client has left.
             tokio::select! {
-                _ = timeout(CONNECTION_TIMEOUT, connection.as_mut()) => return drop((places, place)),
+                _ = timeout(CONNECTION_TIMEOUT, connection.as_mut()) => return drop(place),
+                _ = replaced => return drop(place),
                 () = stop => connection.as_mut().graceful_shutdown(),
             }
             let _ = connection.await;
@@ -153,75 +154,66 @@ pub(crate) async fn serve(
     }
 }
 
-/// The next connection, once it may be open.
-async fn accept(
-    listener: &TcpListener,
-    places: &Arc<Semaphore>,
-) -> io::Result<(OwnedSemaphorePermit, TcpStream, IpAddr)> {
-    let place = Arc::clone(places).acquire_owned().await.map_err(io::Error::other)?;
+async fn accept(listener: &TcpListener) -> (TcpStream, IpAddr) {
     loop {
         match listener.accept().await {
-            Ok((stream, address)) => return Ok((place, stream, address.ip())),
+            Ok((stream, address)) => return (stream, address.ip()),
             Err(_) => sleep(RETRY).await,
         }
     }
 }
 
-/// Connections of an address that are served at a time.
-const MAX_SERVED_OF_ADDRESS: usize = 48;
-/// Connections of an address that are open at a time; those that are not served wait.
-const MAX_OPEN_OF_ADDRESS: usize = 96;
-
-/// The connections of each address that has any.
+/// The open connections, the oldest first.
 #[derive(Debug, Clone, Default)]
-struct AddressShares(Arc<Mutex<HashMap<IpAddr, Share>>>);
+struct Connections(Arc<Mutex<Vec<Connection>>>);
 
 #[derive(Debug)]
-struct Share {
-    open: usize,
-    served: Arc<Semaphore>,
+struct Connection {
+    address: IpAddr,
+    /// Whether a request is being answered.
+    busy: Arc<AtomicBool>,
+    /// Dropped when another takes its place.
+    _open: oneshot::Sender<()>,
 }
 
 /// An open connection, which counts until it is dropped.
 #[derive(Debug)]
-struct OpenConnection {
-    shares: AddressShares,
-    address: IpAddr,
-    /// A permit is needed to be served.
-    served: Arc<Semaphore>,
+struct Place {
+    connections: Connections,
+    busy: Arc<AtomicBool>,
 }
 
-impl AddressShares {
-    fn lock(&self) -> MutexGuard<'_, HashMap<IpAddr, Share>> {
+impl Connections {
+    fn lock(&self) -> MutexGuard<'_, Vec<Connection>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Counts a connection; `None` if the address has as many as it may.
-    fn open(&self, address: IpAddr) -> Option<OpenConnection> {
-        let mut shares = self.lock();
-        let new = || Share { open: 0, served: Arc::new(Semaphore::new(MAX_SERVED_OF_ADDRESS)) };
-        let share = shares.entry(address).or_insert_with(new);
-        if share.open >= MAX_OPEN_OF_ADDRESS {
-            return None;
+    /// Counts a connection, and what ends when another takes its place; `None` if all are busy.
+    fn open(&self, address: IpAddr) -> Option<(Place, oneshot::Receiver<()>)> {
+        let mut all = self.lock();
+        let of_address = all.iter().filter(|one| one.address == address).count();
+        if of_address >= MAX_OF_ADDRESS || all.len() >= MAX_OPEN {
+            let may_go = |one: &Connection| {
+                !one.busy.load(Ordering::Relaxed) && (of_address < MAX_OF_ADDRESS || one.address == address)
+            };
+            let idle = all.iter().position(may_go)?;
+            all.remove(idle);
         }
-        share.open += 1;
-        Some(OpenConnection { shares: self.clone(), address, served: Arc::clone(&share.served) })
+        let (open, replaced) = oneshot::channel();
+        let busy = Arc::new(AtomicBool::new(false));
+        all.push(Connection { address, busy: Arc::clone(&busy), _open: open });
+        Some((Place { connections: self.clone(), busy }, replaced))
     }
 }
 
-impl Drop for OpenConnection {
+impl Drop for Place {
     fn drop(&mut self) {
-        let mut shares = self.shares.lock();
-        if let Some(share) = shares.get_mut(&self.address) {
-            share.open -= 1;
-        }
-        shares.retain(|_, share| share.open > 0);
+        self.connections.lock().retain(|one| !Arc::ptr_eq(&one.busy, &self.busy));
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::net::SocketAddr;
     use std::time::Instant;
 
     use axum::body::Bytes;
@@ -231,47 +223,63 @@ mod tests {
 
     use super::*;
 
-    /// Sends a request from an address of this machine; the client reads no more than a few bytes
-    /// ahead.
-    async fn request(from: [u8; 4], server: SocketAddr) -> io::Result<TcpStream> {
+    /// Sends this from an address of this machine; the client reads no more than a few bytes ahead.
+    async fn sent(text: &str, from: [u8; 4], server: SocketAddr) -> io::Result<TcpStream> {
         let socket = TcpSocket::new_v4()?;
         socket.set_recv_buffer_size(4096)?;
         socket.bind(SocketAddr::from((from, 0)))?;
         let mut stream = socket.connect(server).await?;
-        stream.write_all(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n").await?;
+        stream.write_all(text.as_bytes()).await?;
         Ok(stream)
     }
 
-    /// Whether the server answers.
+    const REQUEST: &str = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+
+    /// Whether the server answers within two seconds.
     async fn is_answered(from: [u8; 4], server: SocketAddr) -> bool {
-        let answer = async { request(from, server).await?.read_exact(&mut [0; 12]).await };
+        let answer = async { sent(REQUEST, from, server).await?.read_exact(&mut [0; 12]).await };
         timeout(Duration::from_secs(2), answer).await.is_ok_and(|answer| answer.is_ok())
     }
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn clients_that_do_not_read_leave_room_for_others_and_lose_their_places() {
+    fn idle_connections_and_clients_that_do_not_read_leave_room_for_others() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             let server = listener.local_addr().unwrap();
-            let body = Bytes::from(vec![0; 32 << 20]);
+            let body = Bytes::from(vec![0; 4 << 20]);
             let routes = Router::new().route("/", get(move || async move { body.clone() }));
             let (stop, stopping) = watch::channel(false);
             let serving = tokio::spawn(serve(listener, routes, stopping));
+            let (own, other) = ([127, 0, 0, 1], [127, 0, 0, 2]);
             let mut idle = Vec::new();
-            for _ in 0..MAX_SERVED {
-                idle.push(request([127, 0, 0, 1], server).await.unwrap());
-            }
-            assert!(is_answered([127, 0, 0, 2], server).await, "another address");
-            let started = Instant::now();
-            while !is_answered([127, 0, 0, 1], server).await {
-                assert!(started.elapsed() < Duration::from_secs(20));
-                sleep(Duration::from_millis(100)).await;
+            for begun in ["", "GET / HT", REQUEST] {
+                for _ in 0..MAX_OF_ADDRESS {
+                    idle.push(sent(begun, own, server).await.unwrap());
+                }
+                let started = Instant::now();
+                assert!(is_answered(own, server).await && is_answered(other, server).await, "{begun:?}");
+                assert!(started.elapsed() < Duration::from_secs(2));
             }
             drop(idle);
             stop.send_replace(true);
             serving.await.unwrap().unwrap();
         });
+    }
+
+    #[test]
+    fn a_busy_connection_keeps_its_place() {
+        let connections = Connections::default();
+        let [one, other] = [1, 2].map(|last| IpAddr::from([127, 0, 0, last]));
+        let mut places: Vec<_> = (0..MAX_OF_ADDRESS).map(|_| connections.open(one).unwrap()).collect();
+        places.iter().for_each(|(place, _)| place.busy.store(true, Ordering::Relaxed));
+        assert!(connections.open(one).is_none() && connections.open(other).is_some());
+        places[7].0.busy.store(false, Ordering::Relaxed);
+        let newest = connections.open(one).unwrap();
+        let replaced: Vec<bool> = places.iter_mut().map(|(_, replaced)| replaced.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed)).collect();
+        assert_eq!(replaced.iter().position(|&replaced| replaced), Some(7));
+        drop((places, newest));
+        assert!(connections.lock().is_empty());
     }
 }

@@ -1,0 +1,96 @@
+//! The photos of a rig at its time steps; recent ones stay in memory.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use anyhow::{Result, anyhow, bail};
+use liveview::ImageRgb;
+use liveview_live::interrupt;
+use liveview_live::rig::{Delivered, Feed, Reader};
+use liveview_synthesizer::Scene;
+use rayon::prelude::*;
+
+/// Memory for recent frames; the last one of each camera is kept in any case.
+const KEPT_BYTES: usize = 128 << 20;
+/// Memory of a frame.
+const BYTES_PER_PIXEL: usize = 12;
+
+/// The frames of all cameras.
+pub(crate) struct Frames {
+    scene: Scene,
+    cameras: Vec<CameraFrames>,
+}
+
+impl Frames {
+    pub(crate) fn new(scene: Scene, feeds: &[Feed]) -> Self {
+        let pixels: usize = scene.views.iter().map(|view| view.camera.size().pixels()).sum();
+        let capacity = (KEPT_BYTES / (BYTES_PER_PIXEL * pixels.max(1))).max(1);
+        let camera = |feed: &Feed| CameraFrames { feed: feed.clone(), reader: None, kept: VecDeque::new(), capacity };
+        Self { scene, cameras: feeds.iter().map(camera).collect() }
+    }
+
+    /// The photos of these cameras at a time step, or why there are none.
+    pub(crate) fn at(&mut self, step: usize, cameras: &[usize]) -> Vec<Result<Arc<ImageRgb>, String>> {
+        let Self { scene, cameras: all } = self;
+        let read = |(index, camera): (usize, &mut CameraFrames)| {
+            let position = cameras.iter().position(|&wanted| wanted == index)?;
+            Some((position, camera.at(step, |photo| Ok(scene.fit(index, photo)?))))
+        };
+        let mut read: Vec<_> = all.par_iter_mut().enumerate().filter_map(read).collect();
+        read.sort_by_key(|&(position, _)| position);
+        read.into_iter().map(|(_, photo)| photo).collect()
+    }
+}
+
+/// The frames of a camera.
+struct CameraFrames {
+    feed: Feed,
+    /// A reader, and the time step that it reads next.
+    reader: Option<(Reader, usize)>,
+    /// The last frames with their time steps, or why they could not be read; the newest first.
+    kept: VecDeque<(usize, Result<Arc<ImageRgb>, String>)>,
+    capacity: usize,
+}
+
+impl CameraFrames {
+    fn at(&mut self, step: usize, fit: impl FnOnce(ImageRgb) -> Result<ImageRgb>) -> Result<Arc<ImageRgb>, String> {
+        if let Some((_, kept)) = self.kept.iter().find(|(kept, _)| *kept == step) {
+            return kept.clone();
+        }
+        let photo = match self.read(step) {
+            Ok(Delivered::Photo(photo)) => fit(photo).map(Arc::new),
+            Ok(Delivered::Missing) => Err(anyhow!("frame {step} is missing")),
+            Ok(Delivered::Ended) => Err(anyhow!("no frames from {step} on")),
+            Err(error) => {
+                self.reader = None;
+                Err(error)
+            }
+        };
+        let photo = photo.map_err(|error| format!("{error:#}"));
+        // After an error the reader is gone: the next request tries again.
+        if self.reader.is_some() {
+            self.kept.truncate(self.capacity - 1);
+            self.kept.push_front((step, photo.clone()));
+        }
+        photo
+    }
+
+    /// Reads a frame. A video is only read forwards: for an earlier step it is opened again.
+    fn read(&mut self, step: usize) -> Result<Delivered> {
+        let (reader, next) = match self.reader.take().filter(|(_, next)| *next <= step) {
+            Some(reader) => self.reader.insert(reader),
+            None => self.reader.insert((self.feed.open()?, 0)),
+        };
+        while *next < step {
+            if interrupt::requested() {
+                bail!("interrupted");
+            }
+            if !reader.skip(*next)? {
+                return Ok(Delivered::Ended);
+            }
+            *next += 1;
+        }
+        *next += 1;
+        reader.read(step)
+    }
+}

@@ -1,0 +1,186 @@
+//! What is served, and for how long.
+
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::sleep;
+use std::time::Duration;
+
+use anyhow::Result;
+use liveview::Camera;
+use liveview::geometry::{choose_views, distance};
+use liveview_live::video::RigSettings;
+use liveview_synthesizer::{PhotoCorrection, Scene, Synthesizer, Targets};
+use serde_json::{Value, json};
+use tokio::sync::{Semaphore, watch};
+
+use super::{App, Guard, Server, listen, reachable};
+use crate::bake::start_view;
+use crate::frames::Frames;
+use crate::jobs::Jobs;
+use crate::page::{description, page};
+use crate::source::{Rig, Source};
+
+/// Interval at which an interrupt is looked for.
+const INTERRUPT_POLL: Duration = Duration::from_millis(100);
+
+/// A server that listens, and does not answer yet.
+#[derive(Debug)]
+pub struct Viewer {
+    guard: Guard,
+    /// The link's part before the query, if a front passes requests on.
+    origin: Option<String>,
+    listener: TcpListener,
+    address: SocketAddr,
+}
+
+/// What was served.
+#[derive(Debug)]
+pub struct Served {
+    /// The link to the page.
+    pub link: String,
+    /// Number of pictures rendered at full quality.
+    pub pictures: u64,
+    /// Number of pages sent.
+    pub viewers: u64,
+}
+
+/// What is viewed.
+#[derive(Debug)]
+pub enum Shown {
+    /// The photos of a scene.
+    Photos(Box<Synthesizer>),
+    /// The video of a rig.
+    Video {
+        /// The rig, and how its pictures are rendered.
+        rig: Box<RigSettings>,
+        /// Time steps per second.
+        rate: f64,
+    },
+}
+
+/// How it is shown.
+#[derive(Debug)]
+pub struct ViewSettings {
+    /// Indices of the photos or cameras that are held out.
+    pub held_out: Vec<usize>,
+    /// Execution provider and precision, such as `cpu, f32`.
+    pub engine: String,
+    /// Whether photos and layers are weighted without a network.
+    pub without_network: bool,
+    /// Takes notes for the user.
+    pub note: fn(&str),
+}
+
+impl Viewer {
+    /// Listens at a port: of this machine alone, or of the address `bind`, by which others have access. `origin`: the
+    /// address of a front by which others have access too, such as `https://host`.
+    pub fn listen(bind: Option<IpAddr>, port: u16, origin: Option<&str>) -> Result<Self> {
+        let guard = Guard::new(bind, origin)?;
+        let (listener, address) = listen(bind, port)?;
+        Ok(Self { guard, origin: origin.map(str::to_owned), listener, address })
+    }
+
+    /// Serves a scene or a rig until the flag that `watch` returns is set. `ready` gets the link to the page.
+    pub fn serve(
+        self,
+        shown: Shown,
+        settings: ViewSettings,
+        watch: impl FnOnce() -> Result<Arc<AtomicBool>>,
+        ready: impl FnOnce(&str),
+    ) -> Result<Served> {
+        let Self { guard, origin, listener, address } = self;
+        let own = format!("http://{}", reachable(address));
+        let link = format!("{}/{}", origin.as_deref().unwrap_or(&own).trim_end_matches('/'), guard.query());
+        let mut opened = Opened::new(shown, &settings)?;
+        let jobs = Arc::new(Jobs::new(opened.ahead));
+        let (interrupted, stopped) = (watch()?, Arc::clone(&jobs));
+        std::thread::spawn(move || {
+            while !interrupted.load(Ordering::Relaxed) {
+                sleep(INTERRUPT_POLL);
+            }
+            stopped.stop();
+        });
+        let viewers = Arc::new(AtomicU64::new(0));
+        let app = App {
+            jobs: Arc::clone(&jobs),
+            scene: opened.scene,
+            frames: opened.frames,
+            steps: opened.steps,
+            page: page(&opened.description, true),
+            guard,
+            note: settings.note,
+            photos: Mutex::default(),
+            reading: Semaphore::new(1),
+            stopping: watch::Sender::new(false),
+            viewers: Arc::clone(&viewers),
+        };
+        let server = Server::start(listener, app)?;
+        ready(&link);
+        let pictures = jobs.work(&mut opened.source, |text| (settings.note)(&text));
+        server.stop()?;
+        Ok(Served { link, pictures, viewers: viewers.load(Ordering::Relaxed) })
+    }
+}
+
+/// What is served, opened.
+struct Opened {
+    source: Source,
+    scene: Scene,
+    frames: Option<Arc<Mutex<Frames>>>,
+    steps: usize,
+    /// Photos whose depth is found before anyone asks, in order.
+    ahead: Vec<(usize, usize)>,
+    description: Value,
+}
+
+impl Opened {
+    /// # Errors
+    ///
+    /// No picture can be rendered at the first viewpoint: reported now rather than to each client.
+    fn new(shown: Shown, settings: &ViewSettings) -> Result<Self> {
+        let (synthesizer, rig) = match shown {
+            Shown::Photos(synthesizer) => (*synthesizer, None),
+            Shown::Video { rig, rate } => {
+                let mut rig = *rig;
+                let renderer = rig.renderers.pop().expect("the network that all cameras are for");
+                let mut synthesizer = Synthesizer::new(rig.rig.views.clone(), renderer, rig.layers);
+                if rig.keep_exposure {
+                    synthesizer.photo_correction = PhotoCorrection { exposure: false, ..Default::default() };
+                }
+                (synthesizer, Some((rig.rig, rate)))
+            }
+        };
+        let (scene, held_out) = (synthesizer.scene().clone(), &settings.held_out);
+        let start = start_view(&scene, held_out)?;
+        let camera = &scene.views[start].camera;
+        let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
+        let range = synthesizer.views().depth_range(&free, held_out)?;
+        let (mut video, mut frames, mut steps, mut ahead) = (Value::Null, None, 1, Vec::new());
+        let rig = match rig {
+            Some((rig, rate)) => {
+                let cameras: Vec<&Camera> = rig.views.cameras(&free).collect();
+                choose_views(&cameras, camera, synthesizer.renderer().network().views(), &[])?;
+                steps = rig.steps(&free)?;
+                video = json!({ "steps": steps, "rate": rate });
+                let read = Arc::new(Mutex::new(Frames::new(scene.clone(), &rig.feeds)));
+                frames = Some(Arc::clone(&read));
+                Some(Rig { frames: read, views: rig.views, range, step: None })
+            }
+            None => {
+                let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
+                synthesizer.shots(targets)?;
+                ahead = free.iter().map(|&view| (view, 0)).collect();
+                let far = |view: usize| distance(&scene.views[view].camera, camera);
+                ahead.sort_by(|a, b| far(a.0).total_cmp(&far(b.0)));
+                None
+            }
+        };
+        let mut description = description(&scene, held_out, start, range);
+        description["served"] = json!({
+            "engine": settings.engine, "layers": synthesizer.layers().to_string(), "video": video,
+        });
+        let source = Source::new(synthesizer, held_out.clone(), settings.without_network, settings.note, rig);
+        Ok(Self { source, scene, frames, steps, ahead, description })
+    }
+}

@@ -1,0 +1,124 @@
+//! What the worker computes: pictures, and the depth of photos, of a scene or of a time step of a rig.
+
+use std::mem;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Result, anyhow, bail};
+use liveview::image::encode;
+use liveview::render::Renderer;
+use liveview_synthesizer::{
+    Scene, ScenePhotos, SceneViews, Synthesizer, Targets, ViewAgreement, agreement,
+};
+
+use crate::depth_code::DepthCode;
+use crate::frames::Frames;
+use crate::jobs::Viewpoint;
+
+/// Steps of depth to a pixel of parallax, as in a baked page of full quality.
+const DEPTH_STEPS: u16 = 16;
+
+/// A synthesizer of a scene, or of the time step of a rig that was asked for last.
+pub(crate) struct Source {
+    synthesizer: Synthesizer,
+    held_out: Vec<usize>,
+    without_network: bool,
+    note: fn(&str),
+    rig: Option<Rig>,
+}
+
+/// A rig, of which one time step is open.
+pub(crate) struct Rig {
+    pub(crate) frames: Arc<Mutex<Frames>>,
+    pub(crate) views: SceneViews,
+    pub(crate) range: (f64, f64),
+    /// The open time step.
+    pub(crate) step: Option<usize>,
+}
+
+impl Source {
+    pub(crate) fn new(
+        synthesizer: Synthesizer,
+        held_out: Vec<usize>,
+        without_network: bool,
+        note: fn(&str),
+        rig: Option<Rig>,
+    ) -> Self {
+        Self { synthesizer, held_out, without_network, note, rig }
+    }
+
+    /// A picture at full quality, as PNG: that of `liveview render --pose`.
+    pub(crate) fn picture(&mut self, viewpoint: &Viewpoint) -> Result<Vec<u8>> {
+        let held_out = self.open(viewpoint.step)?;
+        let targets = Targets { held_out, ..Targets::cameras(vec![viewpoint.camera.clone()]) };
+        let shot = self.synthesizer.shots(targets)?.remove(0);
+        let loaded = self.synthesizer.load(&shot, &[])?;
+        let plan = self.synthesizer.plan(&loaded)?;
+        self.take_notes();
+        let (frame, _) =
+            agreement::render(&mut self.synthesizer, &loaded, &plan, self.without_network, &mut |_| ())?;
+        Ok(encode(Path::new("picture.png"), &frame.picture())?)
+    }
+
+    /// The depth of a view's photo, as the page reads it. `later`: views whose depth is needed next.
+    pub(crate) fn depth(&mut self, (view, step): (usize, usize), later: &[usize]) -> Result<Vec<u8>> {
+        let held_out = self.open(step)?;
+        let view = match &self.rig {
+            Some(rig) => self.synthesizer.scene().view_index(&rig.views.scene().views[view].name)?,
+            None => view,
+        };
+        let later = if self.rig.is_some() { &[] } else { later };
+        let depth = self.synthesizer.photos_mut().edge_depth(view, &held_out, later)?;
+        self.take_notes();
+        Ok(DepthCode::new(&depth, DEPTH_STEPS).compressed())
+    }
+
+    fn take_notes(&mut self) {
+        self.synthesizer.photos_mut().take_notes().iter().for_each(|note| (self.note)(note));
+    }
+
+    /// Opens a time step, of the cameras that are not held out and delivered a photo. Returns the views that are held
+    /// out of what is open.
+    fn open(&mut self, step: usize) -> Result<Vec<usize>> {
+        let Some(rig) = &mut self.rig else { return Ok(self.held_out.clone()) };
+        if rig.step != Some(step) {
+            let scene = rig.views.scene();
+            let free: Vec<usize> = (0..scene.views.len()).filter(|view| !self.held_out.contains(view)).collect();
+            let photos = rig.frames.lock().unwrap_or_else(PoisonError::into_inner).at(step, &free);
+            let delivered = free.iter().zip(photos).filter_map(|(&view, photo)| Some((view, photo.ok()?)));
+            let named = |(view, photo): (usize, Arc<_>)| {
+                (scene.views[view].name.clone(), Arc::unwrap_or_clone(photo), scene.views[view].camera.clone())
+            };
+            let opened = Scene::in_memory(delivered.map(named), &Default::default())?;
+            let (near, far) = rig.range;
+            let photos = ScenePhotos::new(SceneViews::new(opened, Some(near), Some(far)));
+            rig.step = Some(step);
+            let layers = self.synthesizer.layers().clone();
+            let mut next = Synthesizer::new(photos, placeholder(), layers);
+            mem::swap(next.renderer_mut(), self.synthesizer.renderer_mut());
+            next.photo_correction = self.synthesizer.photo_correction;
+            self.synthesizer = next;
+        }
+        Ok(Vec::new())
+    }
+}
+
+/// Stands in for a renderer that moves on.
+fn placeholder() -> Renderer {
+    Renderer::new(Box::new(ViewAgreement { views: 1 }), ViewAgreement::ALPHA, 1)
+}
+
+/// The photo of a view, at a time step of a rig, as JPEG.
+pub(crate) fn photo(scene: &Scene, frames: Option<&Mutex<Frames>>, (view, step): (usize, usize)) -> Result<Vec<u8>> {
+    let photo = match frames {
+        None => Arc::new(scene.load_image(view)?),
+        Some(frames) => {
+            let read = frames.lock().unwrap_or_else(PoisonError::into_inner).at(step, &[view]).pop();
+            read.ok_or_else(|| anyhow!("no camera {view}"))?.map_err(|reason| anyhow!("{reason}"))?
+        }
+    };
+    if photo.size() != scene.views[view].camera.size() {
+        bail!("photo {view} has another size than its camera");
+    }
+    Ok(liveview::image::encode_with_quality(Path::new("photo.jpg"), &photo, crate::bake::QUALITIES[0].0)?)
+}
