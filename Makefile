@@ -74,10 +74,10 @@ test-rust: runtime build
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
 test-python: test-python-binding test-python-others
 
-## `liveview view`, driven by a headless Chromium that npm fetches (Node 20 or later). Not part of `test`.
+## The page of `bake` and `view`, in a headless Chromium that npm fetches (Node 20 or later), with software WebGL. Not part of `test`.
 test-browser: build runtime
 	@command -v $(NPM) > /dev/null || { echo "test-browser: npm is missing; expected Node 20 or later" >&2; exit 2; }
-	cd tests/browser && $(NPM) ci --silent && node test.js
+	cd tests/browser && $(NPM) ci --silent && LIVEVIEW_DATA=$(abspath $(DATA)) node test.js $(SCENES)
 
 ## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
 PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)

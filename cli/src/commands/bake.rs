@@ -58,7 +58,7 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Output> {
     output_plan.prepare()?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(ModelOptions::default().threads_or_default())?;
-    let bar = progress("photos")?;
+    let bar = progress()?.with_prefix("photos");
     bar.set_length((photos.views().scene().views.len() - held_out.len()) as u64);
     let stop = interrupt::watch()?;
     let baked = liveview_viewer::bake(&mut photos, &held_out, args.max_mb.saturating_mul(1_000_000), |count| {

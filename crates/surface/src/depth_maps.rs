@@ -121,7 +121,7 @@ impl DepthMaps {
     /// # Panics
     ///
     /// If there are no photos, or one is without depth.
-    pub fn nearer_by_others(&mut self, photos: &[(usize, SourceView<'_>)]) -> (PhotoDepth, ConfirmedDepth) {
+    pub fn nearer_by_others(&mut self, photos: &[(usize, SourceView<'_>)]) -> (PhotoDisparity, ConfirmedDisparity) {
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed = self.confirmed_by(set[0], &set);
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");

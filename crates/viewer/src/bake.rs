@@ -98,8 +98,9 @@ fn fewer(kept: &[usize], held_out: &[usize], start: usize, share: f64) -> Vec<us
         return free;
     }
     let most = ((free.len() as f64 * share * 0.98) as usize).min(free.len() - 1);
+    // Evenly, beginning with `start`.
     let at = free.iter().position(|&view| view == start).unwrap_or(0);
-    let mut left: Vec<usize> = (0..most).map(|i| free[(at + i * free.len() / most.max(1)) % free.len()]).collect();
+    let mut left: Vec<usize> = (0..most).map(|i| free[(at + i * free.len() / most) % free.len()]).collect();
     left.sort_unstable();
     left
 }

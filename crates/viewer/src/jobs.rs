@@ -60,13 +60,9 @@ impl KeptFiles {
 #[derive(Default)]
 struct State {
     depths: KeptFiles,
-    /// Photos whose depth cannot be found.
-    failed: Vec<PhotoKey>,
     /// Depths that are wanted, in the order in which they were asked for, and who waits.
     wanted: VecDeque<(PhotoKey, Vec<oneshot::Sender<Answer>>)>,
     pictures: VecDeque<(Viewpoint, oneshot::Sender<Answer>)>,
-    /// Depths that nobody has asked for yet, the next one last.
-    ahead: Vec<PhotoKey>,
     stopped: bool,
 }
 
@@ -83,12 +79,6 @@ pub(crate) struct Jobs {
 }
 
 impl Jobs {
-    /// `ahead`: depths to find when nobody asks, in order.
-    pub(crate) fn new(mut ahead: Vec<PhotoKey>) -> Self {
-        ahead.reverse();
-        Self { state: Mutex::new(State { ahead, ..State::default() }), changed: Condvar::new() }
-    }
-
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -99,8 +89,6 @@ impl Jobs {
         let mut state = self.state();
         if let Some(known) = state.depths.get(key) {
             let _ = reply.send(Ok(known));
-        } else if state.failed.contains(&key) {
-            let _ = reply.send(Err(()));
         } else if state.stopped || state.wanted.iter().map(|(_, replies)| replies.len()).sum::<usize>() >= MAX_WAITING {
             return None;
         } else if let Some((_, replies)) = state.wanted.iter_mut().find(|(wanted, _)| *wanted == key) {
@@ -132,7 +120,7 @@ impl Jobs {
         self.changed.notify_all();
     }
 
-    /// Waits for the next job: pictures first, then depths that are wanted, then those ahead. `None` once it is stopped.
+    /// Waits for the next job: pictures first, then depths. `None` once it is stopped.
     fn next(&self) -> Option<Job> {
         let mut state = self.state();
         loop {
@@ -145,15 +133,8 @@ impl Jobs {
             // Whoever has left does not count; a depth stays in the list until it is found, so that others can join.
             state.wanted.iter_mut().for_each(|(_, replies)| replies.retain(|reply| !reply.is_closed()));
             state.wanted.retain(|(_, replies)| !replies.is_empty());
-            while let Some(&key) = state.ahead.last()
-                && (state.depths.get(key).is_some() || state.failed.contains(&key))
-            {
-                state.ahead.pop();
-            }
-            let next = state.wanted.front().map(|(key, _)| *key).or(state.ahead.last().copied());
-            if let Some(key) = next {
-                let waiting = state.wanted.iter().map(|(key, _)| key).chain(state.ahead.iter().rev());
-                return Some(Job::Depth(key, waiting.filter(|other| **other != key).map(|key| key.0).collect()));
+            if let Some(&(key, _)) = state.wanted.front() {
+                return Some(Job::Depth(key, state.wanted.iter().skip(1).map(|((view, _), _)| *view).collect()));
             }
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
@@ -161,11 +142,9 @@ impl Jobs {
 
     fn found(&self, key: PhotoKey, answer: &Answer) {
         let mut state = self.state();
-        match answer {
-            Ok(file) => state.depths.insert(key, Arc::clone(file)),
-            Err(()) => state.failed.push(key),
+        if let Ok(file) = answer {
+            state.depths.insert(key, Arc::clone(file));
         }
-        state.ahead.retain(|ahead| *ahead != key);
         let replies = state.wanted.iter().position(|(wanted, _)| *wanted == key);
         for reply in replies.and_then(|at| state.wanted.remove(at)).into_iter().flat_map(|(_, replies)| replies) {
             // Sending fails if the client has left.
@@ -213,36 +192,26 @@ mod tests {
     }
 
     #[test]
-    fn depths_are_found_in_the_order_in_which_they_are_wanted_then_ahead() {
-        let jobs = Jobs::new(vec![(0, 0), (1, 0), (2, 0), (3, 0)]);
+    fn depths_are_found_once_in_the_order_in_which_they_are_wanted() {
+        let jobs = Jobs::default();
         let mut answers = [3, 1, 3].map(|view| jobs.depth((view, 0)).unwrap());
-        let found: Vec<usize> = (0..4)
-            .map(|_| {
-                let view = key(&jobs).unwrap();
-                jobs.found((view, 0), &Ok(Arc::from([view as u8])));
-                view
-            })
-            .collect();
-        assert_eq!(found, [3, 1, 0, 2]);
-        let [first, second, third] = answers.each_mut().map(|answer| answer.try_recv().unwrap().unwrap()[0]);
-        assert_eq!([first, second, third], [3, 1, 3]);
-        assert_eq!(jobs.depth((0, 0)).unwrap().try_recv().unwrap().unwrap()[..], [0]);
-    }
-
-    #[test]
-    fn those_who_left_are_not_served_and_a_failure_is_an_answer() {
-        let jobs = Jobs::new(Vec::new());
         drop(jobs.depth((5, 0)));
-        let mut stays = jobs.depth((6, 0)).unwrap();
-        assert_eq!(key(&jobs), Some(6));
+        for expected in [3, 1] {
+            assert_eq!(key(&jobs), Some(expected));
+            jobs.found((expected, 0), &Ok(Arc::from([expected as u8])));
+        }
+        let found = answers.each_mut().map(|answer| answer.try_recv().unwrap().unwrap()[0]);
+        assert_eq!(found, [3, 1, 3]);
+        assert_eq!(jobs.depth((1, 0)).unwrap().try_recv().unwrap().unwrap()[..], [1]);
+        let mut fails = jobs.depth((6, 0)).unwrap();
+        assert_eq!(key(&jobs), Some(6), "whoever has left is not served");
         jobs.found((6, 0), &Err(()));
-        assert_eq!(stays.try_recv().unwrap(), Err(()));
-        assert_eq!(jobs.depth((6, 0)).unwrap().try_recv().unwrap(), Err(()));
+        assert_eq!(fails.try_recv().unwrap(), Err(()));
     }
 
     #[test]
     fn what_waits_is_bounded_and_a_stop_ends_it() {
-        let jobs = Jobs::new(Vec::new());
+        let jobs = Jobs::default();
         let k = liveview::Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
         let camera = Camera::new(k, 64, 48, liveview::glam::DMat3::IDENTITY, liveview::glam::DVec3::ZERO).unwrap();
         let picture = || jobs.picture(Viewpoint { camera: camera.clone(), step: 0 });

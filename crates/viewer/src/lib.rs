@@ -5,8 +5,6 @@
 mod bake;
 mod depth_code;
 #[cfg(feature = "server")]
-mod frames;
-#[cfg(feature = "server")]
 mod jobs;
 mod page;
 #[cfg(feature = "server")]

@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::{Result, anyhow, bail};
 use liveview::image::encode;
 use liveview::render::Renderer;
+use liveview_live::rig::Frames;
 use liveview_synthesizer::{
     Scene, ScenePhotos, SceneViews, Synthesizer, Targets, ViewAgreement, agreement,
 };
 
 use crate::depth_code::DepthCode;
-use crate::frames::Frames;
 use crate::jobs::Viewpoint;
 
 /// Steps of depth to a pixel of parallax, as in a baked page of full quality.

@@ -2,6 +2,7 @@
 //! a scene whose photos are the cameras' first frames.
 
 mod feed;
+mod frames;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,6 +17,7 @@ use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
 
 use crate::ffmpeg::FrameRate;
 pub use feed::{Delivered, Feed, Reader};
+pub use frames::Frames;
 use feed::{RigCamera, RigPhotos};
 use steps::{align, match_rates};
 

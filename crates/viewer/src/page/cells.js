@@ -24,35 +24,11 @@ function cellsOf(depth, coarse) {
       for (let column = 0; column < across; column += 1) {
         const child = 2 * row * below.across + 2 * column;
         if (!(below.is[child] && below.is[child + 1] && below.is[child + below.across] && below.is[child + below.across + 1])) continue;
-        const first = row * side * width + column * side;
-        let [sum, slopeX, slopeY, confirmed] = [0, 0, 0, 0];
-        for (let y = 0; y < side; y += 1) {
-          for (let x = 0; x < side; x += 1) {
-            const code = codes[first + y * width + x];
-            const value = code & 0x7fff;
-            sum += value;
-            slopeX += value * (x + 0.5 - side / 2);
-            slopeY += value * (y + 0.5 - side / 2);
-            confirmed += code >> 15;
-          }
-        }
-        const mean = sum / (side * side);
-        [slopeX, slopeY] = [slopeX / (squares * side), slopeY / (squares * side)];
-        let fits = true;
-        for (let y = 0; fits && y < side; y += 1) {
-          for (let x = 0; x < side; x += 1) {
-            const code = codes[first + y * width + x];
-            const error = Math.abs((code & 0x7fff) - mean - slopeX * (x + 0.5 - side / 2) - slopeY * (y + 0.5 - side / 2));
-            if (error > (code >= 0x8000 ? sure : unsure)) {
-              fits = false;
-              break;
-            }
-          }
-        }
-        if (!fits) continue;
+        const plane = planeOf(codes, width, row * side * width + column * side, side, squares);
+        if (!fits(codes, width, row * side * width + column * side, side, plane, sure, unsure)) continue;
         const at = row * across + column;
         is[at] = 1;
-        planes.set([2 * confirmed >= side * side ? 1 : 0, mean, slopeX, slopeY], 4 * at);
+        planes.set(plane, 4 * at);
       }
     }
     levels.push({ across, down, is, planes });
@@ -74,6 +50,33 @@ function cellsOf(depth, coarse) {
     }
   }
   return new Float32Array(cells);
+}
+
+// The plane through a cell: whether most of it is confirmed, mean, and slopes, by least squares.
+function planeOf(codes, width, first, side, squares) {
+  let [sum, slopeX, slopeY, confirmed] = [0, 0, 0, 0];
+  for (let y = 0; y < side; y += 1) {
+    for (let x = 0; x < side; x += 1) {
+      const code = codes[first + y * width + x];
+      const value = code & 0x7fff;
+      sum += value;
+      slopeX += value * (x + 0.5 - side / 2);
+      slopeY += value * (y + 0.5 - side / 2);
+      confirmed += code >> 15;
+    }
+  }
+  return [2 * confirmed >= side * side ? 1 : 0, sum / (side * side), slopeX / (squares * side), slopeY / (squares * side)];
+}
+
+function fits(codes, width, first, side, [, mean, slopeX, slopeY], sure, unsure) {
+  for (let y = 0; y < side; y += 1) {
+    for (let x = 0; x < side; x += 1) {
+      const code = codes[first + y * width + x];
+      const error = Math.abs((code & 0x7fff) - mean - slopeX * (x + 0.5 - side / 2) - slopeY * (y + 0.5 - side / 2));
+      if (error > (code >= 0x8000 ? sure : unsure)) return false;
+    }
+  }
+  return true;
 }
 
 function halved({ codes, width, height }) {

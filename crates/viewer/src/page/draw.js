@@ -99,13 +99,19 @@ class Drawer {
     const { gl } = this;
     this.kept = [photo, ...this.kept.filter((other) => other !== photo)];
     while (this.kept.length > KEPT_TEXTURES) this.free(this.kept.pop());
+    const amount = photo.sharpness ?? 0;
+    if (photo.texture && photo.sharpened !== amount) {
+      gl.deleteTexture(photo.texture);
+      photo.texture = undefined;
+    }
     if (!photo.texture) {
+      photo.sharpened = amount;
       const { width, height } = photo.bitmap;
       const plain = this.texture(gl.RGBA8, width, height, gl.NEAREST);
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, gl.RGBA, gl.UNSIGNED_BYTE, photo.bitmap);
       const sharp = this.target(gl.RGBA8, width, height, gl.LINEAR, gl.COLOR_ATTACHMENT0, 1 + Math.floor(Math.log2(Math.max(width, height))));
       this.bind(UNITS.surface, plain);
-      this.pass(sharp, this.sharpen, { photo: ["uniform1i", UNITS.surface], amount: photo.sharpness ?? 0 });
+      this.pass(sharp, this.sharpen, { photo: ["uniform1i", UNITS.surface], amount });
       gl.deleteFramebuffer(sharp.frame);
       gl.deleteTexture(plain);
       photo.texture = sharp.texture;

@@ -3,7 +3,7 @@
 class RigMap {
   // `go(view)`: called with the photo that was clicked.
   constructor(canvas, views, go) {
-    Object.assign(this, { canvas, views, yaw: 0.5, pitch: 0.45, zoom: 1, hits: [], chosen: [] });
+    Object.assign(this, { canvas, views, yaw: 0.5, pitch: 0.45, hits: [], chosen: [] });
     const centres = views.map((view) => view.pose.centre);
     const mean = (vectors) => scaled(vectors.reduce((sum, v) => add(sum, v), [0, 0, 0]), 1 / vectors.length);
     this.down = unit(mean(views.map((view) => view.pose.rotation[1])));
@@ -14,7 +14,7 @@ class RigMap {
     // Frustums as long as a photo has room.
     const nearest = centres.map((a, i) => Math.min(...centres.filter((_, j) => j !== i).map((b) => distance(a, b)), extent));
     this.length = clamp(median(nearest), 0.1 * extent, 0.5 * extent);
-    this.middle = add(mean(centres), this.base[2], 0.3 * extent);
+    this.middle = add(mean(centres), this.base[2], 0.15 * extent);
     let at;
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -31,18 +31,13 @@ class RigMap {
       at = undefined;
       if (hit !== undefined) go(hit);
     });
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoom = clamp(this.zoom * Math.exp(-0.001 * event.deltaY), 0.3, 6);
-      this.draw();
-    }, { passive: false });
     canvas.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-0.2, 0], ArrowRight: [0.2, 0], ArrowUp: [0, -0.2], ArrowDown: [0, 0.2] }[event.key];
       if (!step) return;
       event.preventDefault();
       this.turn(...step);
     });
-    for (const event of ["resize"]) addEventListener(event, () => this.draw());
+    addEventListener("resize", () => this.draw());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
@@ -54,13 +49,11 @@ class RigMap {
   // `shown`: the viewpoint's camera; `chosen`: indices of the photos that it is drawn from.
   update(shown, chosen) {
     [this.shown, this.chosen] = [shown, chosen];
-    if (!this.waiting) {
-      this.waiting = true;
-      setTimeout(() => {
-        this.waiting = false;
-        this.draw();
-      }, 120);
-    }
+    // Not with every frame.
+    this.waiting ??= setTimeout(() => {
+      this.waiting = undefined;
+      this.draw();
+    }, 120);
   }
 
   draw() {
@@ -72,7 +65,7 @@ class RigMap {
     context.scale(ratio, ratio);
     const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
     const turned = product(turn([1, 0, 0], this.pitch), product(turn([0, 1, 0], this.yaw), this.base));
-    const [back, focal] = [3.2 * this.extent, (this.zoom * 1.05 * Math.min(width, height))];
+    const [back, focal] = [3.2 * this.extent, 2.1 * Math.min(width, height)];
     const project = (point) => {
       const [x, y, z] = times(turned, add(point, this.middle, -1));
       const depth = Math.max(z + back, 0.05 * back);

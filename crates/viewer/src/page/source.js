@@ -52,6 +52,21 @@ class Photos {
     }
   }
 
+  // The photos that a photo's sharpness is compared with.
+  around({ view, step }) {
+    const { pose } = this.views[view];
+    this.views[view].around ??= this.views.filter((other) => !other.held_out && other.index !== view && dot(other.pose.rotation[2], pose.rotation[2]) > 0.5)
+      .sort((a, b) => distance(a.pose.centre, pose.centre) - distance(b.pose.centre, pose.centre)).slice(0, 3).map(({ index }) => index);
+    return this.views[view].around.map((other) => this.get(other, step));
+  }
+
+  // Measures how sharp a photo is, once all depth that this takes is there.
+  measure(photo) {
+    const around = this.around(photo);
+    if (photo.sharpness !== undefined || !photo.depth || around.some(({ depth, hasDepth }) => hasDepth && !depth)) return;
+    photo.sharpness = sharpness(photo, around.filter(({ depth }) => depth));
+  }
+
   next(loader) {
     const photo = this.wanted.find((photo) => photo.state === "none");
     if (photo) return photo;
@@ -83,6 +98,7 @@ class Photos {
           photo.cells = [fine, cellsOf(depth, true)];
           photo.depth = depth;
           photo.state = "depth";
+          for (const near of [photo, ...this.around(photo)]) this.measure(near);
         }
         this.changed(photo);
       } catch (error) {

@@ -13,13 +13,8 @@ class TimeLine {
     return Math.max(0, this.keys.length - 1) * this.seconds;
   }
 
-  add(camera) {
-    this.keys.push(camera);
-    this.changed();
-  }
-
-  clear() {
-    this.keys = [];
+  set(keys) {
+    this.keys = keys;
     this.changed();
   }
 

@@ -101,7 +101,8 @@ function size() {
 function chooseSlots(now, elapsed, jump) {
   const candidates = free.filter((view) => photos.get(view, shownStep).bitmap && view !== (views[at]?.held_out ? at : -1));
   if (candidates.length === 0) return false;
-  const chosen = choose(views, candidates, camera, 4).map((view) => photos.get(view, shownStep));
+  const kept = jump || now - movedAt > REST ? [] : slots.map(({ photo }) => photo.view);
+  const chosen = choose(views, candidates, camera, 4, kept).map((view) => photos.get(view, shownStep));
   if (jump || slots.length === 0 || slots.some(({ photo }) => photo.step !== shownStep)) slots = chosen.map((photo) => ({ photo, weight: 1 }));
   const missing = chosen.filter((photo) => !slots.some((slot) => slot.photo === photo));
   const fading = slots.some((slot) => slot.weight < 1);
@@ -186,8 +187,7 @@ function tick(now) {
     fence = drawer.gl.fenceSync(drawer.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     [needed, resting] = [false, full];
     wantPhotos();
-    if (full) hideFull(false);
-    else hideFull(true);
+    if (!full) hideFull();
   }
 }
 
@@ -254,9 +254,7 @@ function arrived(photo) {
   // Depth that was not known before changes the picture at rest too.
   if (slots.length < 4 || slots.some((slot) => slot.photo === photo) || photo.view === at) [needed, resting] = [true, false];
   map.update(camera, slots.map(({ photo: { view } }) => view));
-  if (!drawer && photo.bitmap) {
-    element("photos").append(photo.thumbnail);
-  }
+  if (!drawer && photo.bitmap && !photo.depth) element("photos").append(photo.thumbnail);
   showStatus();
 }
 
@@ -326,8 +324,8 @@ function showDetails() {
 
 // The picture at full quality lies over the drawn one until something moves.
 let fullBlob;
-function hideFull(now) {
-  if (!now || !fullBlob) return;
+function hideFull() {
+  if (!fullBlob) return;
   URL.revokeObjectURL(element("full").src);
   element("full").classList.remove("shown");
   element("full").hidden = true;
@@ -387,9 +385,9 @@ element("view").oninput = () => {
   place({ ...camera, fl_x: focal, fl_y: (focal * camera.fl_y) / camera.fl_x }, undefined);
 };
 element("photo_list").onchange = () => goTo(Number(element("photo_list").value));
-element("key").onclick = () => timeLine.add({ ...camera });
+element("key").onclick = () => timeLine.set([...timeLine.keys, { ...camera }]);
 element("run").onclick = () => (run === undefined ? startRun() : stopRun());
-element("clear").onclick = () => timeLine.clear();
+element("clear").onclick = () => timeLine.set([]);
 element("clock").oninput = () => {
   [run, flight] = [undefined, undefined];
   place({ ...timeLine.at(Number(element("clock").value)) }, undefined);

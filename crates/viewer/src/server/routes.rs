@@ -12,6 +12,7 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use liveview::Camera;
+use liveview_live::rig::Frames;
 use liveview_scene::cameras::camera_from_json;
 use liveview_synthesizer::Scene;
 use serde_json::Value;
@@ -19,7 +20,6 @@ use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
 use super::Guard;
-use crate::frames::Frames;
 use crate::jobs::{Answer, Jobs, KeptFiles, PhotoKey, Viewpoint};
 use crate::source;
 

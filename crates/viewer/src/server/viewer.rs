@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use anyhow::Result;
 use liveview::Camera;
-use liveview::geometry::{choose_views, distance};
+use liveview::geometry::choose_views;
+use liveview_live::rig::Frames;
 use liveview_live::video::RigSettings;
 use liveview_synthesizer::{PhotoCorrection, Scene, Synthesizer, Targets};
 use serde_json::{Value, json};
@@ -16,7 +17,6 @@ use tokio::sync::{Semaphore, watch};
 
 use super::{App, Guard, Server, listen, reachable};
 use crate::bake::start_view;
-use crate::frames::Frames;
 use crate::jobs::Jobs;
 use crate::page::{description, page};
 use crate::source::{Rig, Source};
@@ -93,7 +93,7 @@ impl Viewer {
         let own = format!("http://{}", reachable(address));
         let link = format!("{}/{}", origin.as_deref().unwrap_or(&own).trim_end_matches('/'), guard.query());
         let mut opened = Opened::new(shown, &settings)?;
-        let jobs = Arc::new(Jobs::new(opened.ahead));
+        let jobs = Arc::new(Jobs::default());
         let (interrupted, stopped) = (watch()?, Arc::clone(&jobs));
         std::thread::spawn(move || {
             while !interrupted.load(Ordering::Relaxed) {
@@ -129,8 +129,6 @@ struct Opened {
     scene: Scene,
     frames: Option<Arc<Mutex<Frames>>>,
     steps: usize,
-    /// Photos whose depth is found before anyone asks, in order.
-    ahead: Vec<(usize, usize)>,
     description: Value,
 }
 
@@ -156,7 +154,7 @@ impl Opened {
         let camera = &scene.views[start].camera;
         let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
         let range = synthesizer.views().depth_range(&free, held_out)?;
-        let (mut video, mut frames, mut steps, mut ahead) = (Value::Null, None, 1, Vec::new());
+        let (mut video, mut frames, mut steps) = (Value::Null, None, 1);
         let rig = match rig {
             Some((rig, rate)) => {
                 let cameras: Vec<&Camera> = rig.views.cameras(&free).collect();
@@ -170,9 +168,6 @@ impl Opened {
             None => {
                 let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
                 synthesizer.shots(targets)?;
-                ahead = free.iter().map(|&view| (view, 0)).collect();
-                let far = |view: usize| distance(&scene.views[view].camera, camera);
-                ahead.sort_by(|a, b| far(a.0).total_cmp(&far(b.0)));
                 None
             }
         };
@@ -181,6 +176,6 @@ impl Opened {
             "engine": settings.engine, "layers": synthesizer.layers().to_string(), "video": video,
         });
         let source = Source::new(synthesizer, held_out.clone(), settings.without_network, settings.note, rig);
-        Ok(Self { source, scene, frames, steps, ahead, description })
+        Ok(Self { source, scene, frames, steps, description })
     }
 }

@@ -5,24 +5,27 @@ use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::ImageRgb;
-use liveview_live::interrupt;
-use liveview_live::rig::{Delivered, Feed, Reader};
 use liveview_synthesizer::Scene;
 use rayon::prelude::*;
+
+use super::{Delivered, Feed, Reader};
+use crate::interrupt;
 
 /// Memory for recent frames; the last one of each camera is kept in any case.
 const KEPT_BYTES: usize = 128 << 20;
 /// Memory of a frame.
 const BYTES_PER_PIXEL: usize = 12;
 
-/// The frames of all cameras.
-pub(crate) struct Frames {
+/// The frames of all cameras, at any time step.
+#[derive(Debug)]
+pub struct Frames {
     scene: Scene,
     cameras: Vec<CameraFrames>,
 }
 
 impl Frames {
-    pub(crate) fn new(scene: Scene, feeds: &[Feed]) -> Self {
+    /// Of the cameras of a scene, from their feeds, in the order of its views.
+    pub fn new(scene: Scene, feeds: &[Feed]) -> Self {
         let pixels: usize = scene.views.iter().map(|view| view.camera.size().pixels()).sum();
         let capacity = (KEPT_BYTES / (BYTES_PER_PIXEL * pixels.max(1))).max(1);
         let camera = |feed: &Feed| CameraFrames { feed: feed.clone(), reader: None, kept: VecDeque::new(), capacity };
@@ -30,7 +33,7 @@ impl Frames {
     }
 
     /// The photos of these cameras at a time step, or why there are none.
-    pub(crate) fn at(&mut self, step: usize, cameras: &[usize]) -> Vec<Result<Arc<ImageRgb>, String>> {
+    pub fn at(&mut self, step: usize, cameras: &[usize]) -> Vec<Result<Arc<ImageRgb>, String>> {
         let Self { scene, cameras: all } = self;
         let read = |(index, camera): (usize, &mut CameraFrames)| {
             let position = cameras.iter().position(|&wanted| wanted == index)?;
@@ -43,6 +46,7 @@ impl Frames {
 }
 
 /// The frames of a camera.
+#[derive(Debug)]
 struct CameraFrames {
     feed: Feed,
     /// A reader, and the time step that it reads next.
