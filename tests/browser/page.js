@@ -18,10 +18,14 @@ export const text = (page, id) => page.$eval(`#${id}`, (found) => found.textCont
 export const state = (page) => page.evaluate(() => ({ ...window.liveview.state, ...document.getElementById("picture").dataset, status: document.getElementById("status").textContent }));
 
 // Until all depth is there, and all is drawn at rest.
-export const atRest = (page) => until("a picture at rest", async () => {
-  const now = await state(page);
-  return now.quality === "rest" && now.resting && !now.status.startsWith("depth of") && now;
-});
+export async function atRest(page) {
+  let now;
+  const rests = async () => {
+    now = await state(page);
+    return now.quality === "rest" && now.resting && !now.status.startsWith("depth of") && now;
+  };
+  return until("a picture at rest", rests).catch((error) => { throw new Error(`${error.message}: ${JSON.stringify({ ...now, frames: now.frames.slice(-3) })}`); });
+}
 
 // The canvas's pixels, rows from the top: a digest, and the PSNR against a picture of the same size.
 export function pixels(page, truth) {

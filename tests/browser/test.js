@@ -1,7 +1,7 @@
 // The page in a headless Chromium with software WebGL: node test.js [scene …]; prints what it measured. CHROMIUM names another browser.
 
 import assert from "node:assert/strict";
-import { cpSync, existsSync, mkdirSync, mkdtempSync, readFileSync, renameSync, writeFileSync } from "node:fs";
+import { cpSync, existsSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 
@@ -14,10 +14,10 @@ import { RIG, ROOT, SCENE, liveview, used, view } from "./program.js";
 
 const DATA = process.env.LIVEVIEW_DATA ?? join(ROOT, "../shared/data");
 const SCENES = [
-  ["workshop", SCENE, "target_0"], ["flower", join(DATA, "dev/llff_flower"), 8], ["grid3x3", join(DATA, "dev/grid3x3"), "9.png"],
+  ["workshop", SCENE, "target_0"], ["flower", join(DATA, "dev/llff_flower"), "images_8"], ["grid3x3", join(DATA, "dev/grid3x3"), "9.png"],
   ["beer", join(DATA, "dev/ordinary/beer"), "0012.jpg"], ["considering_bear", join(DATA, "dev/ordinary/considering_bear"), "0010.jpg"],
   ["pradyum_desk", join(DATA, "dev/ordinary/pradyum_desk"), "0010.jpg"], ["rgga_table2", join(DATA, "dev/ordinary/rgga_table2"), "0010.jpg"],
-  ["fox", join(DATA, "train/fox"), 8],
+  ["fox", join(DATA, "train/fox"), "images"],
 ];
 const folder = mkdtempSync(join(tmpdir(), "liveview-browser-"));
 const shots = join(ROOT, "out/browser");
@@ -63,7 +63,8 @@ async function standAt(page, name) {
 async function pictures() {
   const rows = [];
   for (const [name, path, given] of SCENES.filter(([name, path]) => existsSync(path) && (only.length === 0 || only.includes(name)))) {
-    const target = typeof given === "string" ? given : JSON.parse(liveview("inspect", path, "--json")).views.map((view) => view.name)[given];
+    // A photo, or the folder whose ninth it is.
+    const target = given.startsWith("images") ? readdirSync(join(path, given)).sort()[8] : given;
     const common = ["--target", target, "--cache", join(folder, `cache_${name}`)];
     const baked = JSON.parse(liveview("bake", path, ...common, "--max-mb", "80", "-o", join(folder, `${name}.html`), "--json"));
     liveview("render", path, ...common, "--width", "640", "-o", join(folder, `${name}.png`), "--compare", join(folder, `${name}_compare.png`));
@@ -82,7 +83,8 @@ async function pictures() {
   const gaps = rows.map(({ canvas, library }) => canvas - library);
   const mean = gaps.reduce((sum, gap) => sum + gap, 0) / gaps.length;
   figures.push(`pictures: canvas less surface:3 ${mean.toFixed(2)} dB in the mean of ${rows.length} scenes, ${Math.min(...gaps).toFixed(2)} at worst`);
-  assert.ok(mean > -0.7 && Math.min(...gaps) > -1.5, figures[figures.length - 1]);
+  // The mean is that of all eight scenes.
+  assert.ok((rows.length < SCENES.length || mean > -0.7) && Math.min(...gaps) > -1.5, figures[figures.length - 1]);
   passed("pictures are near the library's");
   return rows[0];
 }
@@ -147,17 +149,16 @@ async function dragging() {
 }
 
 async function hostile() {
-  const name = "<\u002fscript><img src=x onerror=window.hacked=1>";
+  // The first time step of the example rig, under names that would be elements and handlers.
   const scene = join(folder, "'\"><svg onload=window.hacked=2>");
-  cpSync(SCENE, scene, { recursive: true });
-  const transforms = join(scene, "transforms.json");
-  const frames = JSON.parse(readFileSync(transforms, "utf8"));
-  const photo = join(scene, frames.frames[0].file_path);
-  const renamed = `${"x".repeat(3)}${name.replaceAll("/", "\u2215")}.jpg`;
-  const real = existsSync(photo) ? photo : `${photo}.jpg`;
-  renameSync(real, join(real, "..", renamed));
-  frames.frames[0].file_path = join(frames.frames[0].file_path, "..", renamed);
-  writeFileSync(transforms, JSON.stringify(frames));
+  mkdirSync(scene);
+  const described = JSON.parse(readFileSync(join(RIG, "transforms.json"), "utf8"));
+  described.frames.forEach((frame, i) => {
+    const name = `${i}<!--<script><img src=x onerror='window.hacked=1'>".jpg`;
+    cpSync(join(RIG, frame.file_path), join(scene, name));
+    frame.file_path = name;
+  });
+  writeFileSync(join(scene, "transforms.json"), JSON.stringify(described));
   liveview("bake", scene, "--width", "160", "-o", join(folder, "hostile.html"));
   const page = await open(file("hostile.html"));
   await atRest(page);

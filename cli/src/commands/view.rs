@@ -68,12 +68,8 @@ pub(crate) fn run(args: &ViewArgs) -> Result<Output> {
         Some(rig) => open_rig(args, rig)?,
         None => open_photos(args)?,
     };
-    let settings = ViewSettings {
-        held_out,
-        engine: model.engine(),
-        without_network: model.model.is_none(),
-        note: print_note,
-    };
+    let settings =
+        ViewSettings { held_out, engine: model.engine(), without_network: model.model.is_none(), note: print_note };
     let served = viewer.serve(shown, settings, interrupt::watch, |link| {
         print_message("open", format_args!("{link} (Ctrl-C ends it)"));
         if args.open

@@ -18,7 +18,7 @@ pub(crate) struct Viewer {
     pub(crate) host: String,
     pub(crate) query: String,
     /// Further lines of standard error.
-    pub(crate) lines: Box<dyn Iterator<Item = String> + Send>,
+    pub(crate) lines: Box<dyn Iterator<Item = String> + Send + Sync>,
 }
 
 impl Viewer {
@@ -32,7 +32,11 @@ impl Viewer {
         prepare(&mut command);
         // A free port: the link may name a front.
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port().to_string();
-        command.arg("view").arg(folders.scene()).args(["--port", &port, "--model", &fixture("tiny_v4")]).args(arguments);
+        command
+            .arg("view")
+            .arg(folders.scene())
+            .args(["--port", &port, "--model", &fixture("tiny_v4")])
+            .args(arguments);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
         let link =

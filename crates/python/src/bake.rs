@@ -32,15 +32,19 @@ pub(crate) fn bake(
         return Err(value("max_mb", format!("{max_mb}; expected above 0, at most 4000")));
     }
     let ended = AtomicBool::new(false);
-    run(py, || ended.store(true, Ordering::Relaxed), || {
-        let mut photos = ScenePhotos::new(SceneViews::new(scene.clone(), near, far));
-        let baked = liveview_viewer::bake(&mut photos, &held_out, (1e6 * max_mb) as usize, |_| {
-            if ended.load(Ordering::Relaxed) { Err(SynthesisError::Cancelled.into()) } else { Ok(()) }
-        });
-        let refused = |error: anyhow::Error| Error::new_err(format!("{error:#}"));
-        let baked = baked.map_err(refused)?;
-        liveview_files::atomic::write(&path, baked.html.as_bytes())
-            .map_err(|error| Error::new_err(format!("{}: cannot be written: {error}", path.display())))?;
-        Ok(baked.notes)
-    })
+    run(
+        py,
+        || ended.store(true, Ordering::Relaxed),
+        || {
+            let mut photos = ScenePhotos::new(SceneViews::new(scene.clone(), near, far));
+            let baked = liveview_viewer::bake(&mut photos, &held_out, (1e6 * max_mb) as usize, |_| {
+                if ended.load(Ordering::Relaxed) { Err(SynthesisError::Cancelled.into()) } else { Ok(()) }
+            });
+            let refused = |error: anyhow::Error| Error::new_err(format!("{error:#}"));
+            let baked = baked.map_err(refused)?;
+            liveview_files::atomic::write(&path, baked.html.as_bytes())
+                .map_err(|error| Error::new_err(format!("{}: cannot be written: {error}", path.display())))?;
+            Ok(baked.notes)
+        },
+    )
 }

@@ -9,7 +9,7 @@ use liveview::geometry::middle_camera;
 use liveview::image::encode_with_quality;
 use liveview_synthesizer::{Scene, ScenePhotos};
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::depth_code::DepthCode;
 use crate::page::{description, page};
@@ -26,8 +26,6 @@ pub struct Baked {
     pub html: String,
     /// Number of photos in it.
     pub photos: usize,
-    /// Quality of their JPEG, 1 to 100.
-    pub quality: u8,
     /// What was left out, a line each.
     pub notes: Vec<String>,
 }
@@ -56,10 +54,10 @@ pub fn bake(
         found(index + 1)?;
     }
     let scene = photos.views().scene();
-    let coded = |view: usize, (quality, steps): (u8, u16)| -> Result<Value> {
+    let coded = |view: usize, (quality, steps): (u8, u16)| -> Result<(Value, Value)> {
         let jpeg = encode_with_quality(Path::new("photo.jpg"), &scene.load_image(view)?, quality)?;
         let depth = depths[view].as_ref().map(|depth| STANDARD.encode(depth.coarser(steps).compressed()));
-        Ok(json!({ "photo": STANDARD.encode(jpeg), "depth": depth }))
+        Ok((STANDARD.encode(jpeg).into(), depth.into()))
     };
     let mut kept: Vec<usize> = (0..count).collect();
     let mut qualities = QUALITIES.iter().peekable();
@@ -71,7 +69,7 @@ pub fn bake(
         let mut all = std::mem::take(views);
         *views = kept.iter().map(|&view| all[view].take()).collect();
         for (view, data) in views.iter_mut().zip(data) {
-            (view["photo"], view["depth"]) = (data["photo"].clone(), data["depth"].clone());
+            (view["photo"], view["depth"]) = data;
         }
         described["start"] = kept.iter().position(|&view| view == start).into();
         let html = page(&described, false);
@@ -110,12 +108,12 @@ fn baked(scene: &Scene, html: String, kept: &[usize], (quality, steps): (u8, u16
     if (quality, steps) != QUALITIES[0] {
         notes.push(format!("photos as JPEG of quality {quality}, their depth to 1/{steps} pixel of parallax"));
     }
-    let left_out = (0..scene.views.len()).filter(|view| !kept.contains(view)).map(|view| scene.views[view].name.as_str());
-    let left_out: Vec<&str> = left_out.collect();
+    let left_out = (0..scene.views.len()).filter(|view| !kept.contains(view));
+    let left_out: Vec<&str> = left_out.map(|view| scene.views[view].name.as_str()).collect();
     if !left_out.is_empty() {
         notes.push(format!("left out, as the page would be too large (--max-mb): {}", left_out.join(", ")));
     }
-    Baked { html, photos: kept.len(), quality, notes }
+    Baked { html, photos: kept.len(), notes }
 }
 
 /// The view in the middle of those that are not held out.

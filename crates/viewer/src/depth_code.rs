@@ -62,9 +62,10 @@ impl DepthCode {
             codes.iter().enumerate().fold(0, |byte, (bit, code)| byte | u8::from(code & CONFIRMED != 0) << bit)
         }));
         let difference = |at: usize| {
-            let left = if at % width > 0 { value(at - 1) } else { 0 };
-            let above = if at >= width { value(at - width) } else { 0 };
-            let corner = if at % width > 0 && at >= width { value(at - width - 1) } else { 0 };
+            let (inside, below) = (at % width, at >= width);
+            let left = if inside > 0 { value(at - 1) } else { 0 };
+            let above = if below { value(at - width) } else { 0 };
+            let corner = if inside > 0 && below { value(at - width - 1) } else { 0 };
             let (low, high) = (left.min(above), left.max(above));
             let difference = value(at) - (left + above - corner).clamp(low, high);
             (difference << 1 ^ difference >> 31) as u16

@@ -4,13 +4,9 @@
 
 mod bake;
 mod depth_code;
-#[cfg(feature = "server")]
-mod jobs;
 mod page;
 #[cfg(feature = "server")]
 mod server;
-#[cfg(feature = "server")]
-mod source;
 
 pub use bake::{Baked, bake};
 #[cfg(feature = "server")]

@@ -68,9 +68,7 @@ pub(crate) fn page(description: &Value, is_served: bool) -> String {
 /// What the page knows of a scene: its views, `free` of which are drawn from, and where to begin. `start`: index of a
 /// view.
 pub(crate) fn description(scene: &Scene, held_out: &[usize], start: usize, (near, far): (f64, f64)) -> Value {
-    let view = |(index, view): (usize, &liveview_scene::View)| {
-        json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out.contains(&index) })
-    };
+    let view = |(index, view): (usize, &liveview_scene::View)| json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out.contains(&index) });
     let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     json!({
         "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
@@ -80,13 +78,13 @@ pub(crate) fn description(scene: &Scene, held_out: &[usize], start: usize, (near
     })
 }
 
-/// A camera in the format that `render --pose` reads.
+/// A camera in the format that `render --pose` reads, and its skew.
 fn camera_json(camera: &Camera) -> Value {
     let (rotation, translation) = (camera.rotation(), camera.translation());
     let row = |row: usize| [rotation.row(row).x, rotation.row(row).y, rotation.row(row).z, translation[row]];
-    let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
+    let Intrinsics { fx, fy, cx, cy, skew } = camera.intrinsics();
     json!({
         "cam_from_world": [row(0), row(1), row(2)],
-        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width(), "h": camera.height(),
+        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "skew": skew, "w": camera.width(), "h": camera.height(),
     })
 }

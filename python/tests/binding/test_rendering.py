@@ -100,6 +100,21 @@ def test_path_and_depth(liveview, workshop):
     assert depth.confirmed.mean() > 0.5 and (1 / far * 0.99 < sure).all() and (sure < 1 / near * 1.01).all()
 
 
+def test_a_baked_page_holds_the_scene_and_is_written_whole_or_not_at_all(liveview, workshop, tmp_path):
+    page = tmp_path / "page.html"
+    assert liveview.bake(workshop, page, held_out=["target_0"]) == []
+    text = page.read_text()
+    described = json.loads(text.split('id="scene">', 1)[1].split("</script>", 1)[0])
+    assert [view["name"] for view in described["views"]] == workshop.names
+    assert [bool(view["depth"]) for view in described["views"]] == [name != "target_0.jpg" for name in workshop.names]
+    page.unlink()
+    with pytest.raises(liveview.Error, match="two photos take more"):
+        liveview.bake(workshop, page, max_mb=0.01)
+    with pytest.raises(ValueError, match="max_mb"):
+        liveview.bake(workshop, page, max_mb=0)
+    assert not page.exists()
+
+
 def test_depths_are_searched_once(liveview, workshop):
     searched = []
     synthesizer = liveview.Synthesizer(workshop, progress=lambda _done, _count, name: searched.append(name))

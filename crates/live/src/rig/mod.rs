@@ -17,8 +17,8 @@ use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
 
 use crate::ffmpeg::FrameRate;
 pub use feed::{Delivered, Feed, Reader};
-pub use frames::Frames;
 use feed::{RigCamera, RigPhotos};
+pub use frames::Frames;
 use steps::{align, match_rates};
 
 /// Folders of a rig in which its cameras may lie.

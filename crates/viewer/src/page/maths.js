@@ -56,16 +56,17 @@ const between = (a, b, share) => {
 };
 
 // A camera's matrix, and that of the same picture at another size.
-const matrixOf = ({ fl_x, fl_y, cx, cy }) => [[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]];
+const matrixOf = ({ fl_x, fl_y, cx, cy, skew = 0 }) => [[fl_x, skew, cx], [0, fl_y, cy], [0, 0, 1]];
 const resized = (camera, w, h) => {
   const [x, y] = [w / camera.w, h / camera.h];
-  return { ...camera, fl_x: camera.fl_x * x, cx: camera.cx * x, fl_y: camera.fl_y * y, cy: camera.cy * y, w, h };
+  return { ...camera, fl_x: camera.fl_x * x, cx: camera.cx * x, fl_y: camera.fl_y * y, cy: camera.cy * y, skew: (camera.skew ?? 0) * x, w, h };
 };
 
 // H and e such that a pixel p (x, y, 1) of `from` at disparity d (1/depth) is at (u/w, v/w) of `to`, with disparity d/w, where (u, v, w) = H p + d e.
 const sweep = (to, from) => {
   const [a, b] = [poseOf(to), poseOf(from)];
-  const inverse = [[1 / from.fl_x, 0, -from.cx / from.fl_x], [0, 1 / from.fl_y, -from.cy / from.fl_y], [0, 0, 1]];
+  const skew = (from.skew ?? 0) / from.fl_y;
+  const inverse = [[1 / from.fl_x, -skew / from.fl_x, (skew * from.cy - from.cx) / from.fl_x], [0, 1 / from.fl_y, -from.cy / from.fl_y], [0, 0, 1]];
   const rotation = product(a.rotation, transposed(b.rotation));
   return { H: product(matrixOf(to), product(rotation, inverse)), e: times(matrixOf(to), times(a.rotation, add(b.centre, a.centre, -1))) };
 };

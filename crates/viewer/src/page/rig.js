@@ -65,7 +65,7 @@ class RigMap {
     context.scale(ratio, ratio);
     const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
     const turned = product(turn([1, 0, 0], this.pitch), product(turn([0, 1, 0], this.yaw), this.base));
-    const [back, focal] = [3.2 * this.extent, 2.1 * Math.min(width, height)];
+    const [back, focal] = [3.2 * this.extent, 1.8 * Math.min(width, height)];
     const project = (point) => {
       const [x, y, z] = times(turned, add(point, this.middle, -1));
       const depth = Math.max(z + back, 0.05 * back);

@@ -8,18 +8,15 @@ const video = scene.served?.video;
 // How a view is drawn while it moves, the slower the machine the less: share of the sides, and whether with the coarser cells.
 const LEVELS = [[1, false], [1, true], [0.7, true], [0.5, true], [0.35, true], [0.25, true]];
 // Milliseconds of a frame above which the level goes up, and below which it comes down.
-const SLOW = 60;
-const FAST = 18;
+const [SLOW, FAST] = [60, 18];
 // Milliseconds until a photo has faded in, until a flight arrives, and without movement until all is drawn.
-const FADE = 150;
-const FLIGHT = 700;
-const REST = 180;
+const [FADE, FLIGHT, REST] = [150, 700, 180];
 
 let camera = { ...views[scene.start].camera }; // where the viewpoint is
 let baseFocal = camera.fl_x;
 let at = scene.start; // the photo that it is exactly at, if it is
 let slots = []; // { photo, weight, target }
-let [level, fastFrames] = [1, 0];
+let [level, fastFrames, slowFrames] = [1, 0, 0];
 let [flight, run, recording] = [undefined, undefined, undefined];
 let [pressed, movedAt, pivot] = [false, -Infinity, undefined];
 let [drawn, frames, fence, needed, resting] = [0, [], undefined, true, false];
@@ -37,15 +34,14 @@ function message(text) {
 // The distance from photo to photo, and how far beyond the photos a camera is: 0 near them, 1 where little of what it sees is known.
 const spacing = median(free.map((a) => Math.min(...free.filter((b) => b !== a).map((b) => distance(views[a].pose.centre, views[b].pose.centre)), Infinity)));
 function beyond(pose) {
-  const nearest = free.map((view) => views[view].pose).sort((a, b) => distance(a.centre, pose.centre) - distance(b.centre, pose.centre))[0];
+  const nearest = views[nearestFree(pose)[0]].pose;
   const far = distance(nearest.centre, pose.centre) / Math.max(Number.isFinite(spacing) ? spacing : scene.near, 1e-9);
   const angle = Math.acos(clamp(dot(nearest.rotation[2], pose.rotation[2]), -1, 1));
   return { far, share: clamp(Math.max((far - 2) / 6, (angle - 0.7) / 0.8), 0, 1) };
 }
 
-function nearestTo(pose) {
-  return [...views].sort((a, b) => distance(a.pose.centre, pose.centre) - distance(b.pose.centre, pose.centre)).map((view) => view.index);
-}
+const nearestTo = (pose) => [...views].sort((a, b) => distance(a.pose.centre, pose.centre) - distance(b.pose.centre, pose.centre)).map(({ index }) => index);
+const nearestFree = (pose) => nearestTo(pose).filter((view) => !views[view].held_out);
 
 function place(next, exactly) {
   camera = next;
@@ -117,20 +113,17 @@ function chooseSlots(now, elapsed, jump) {
   return slots.some((slot) => slot.weight < 1) || slots.length !== chosen.length;
 }
 
-// The nearest two other photos, whose depth helps.
+// Two more photos, whose depth helps.
 function helpers() {
-  const others = nearestTo(poseOf(camera)).filter((view) => !views[view].held_out && !slots.some(({ photo }) => photo.view === view));
-  return others.map((view) => photos.get(view, shownStep)).filter((photo) => photo.depth).slice(0, 2);
-}
-
-function ground() {
-  return getComputedStyle(document.body).backgroundColor.match(/\d+/g).slice(0, 3).map((value) => value / 255);
+  const known = free.filter((view) => photos.get(view, shownStep).depth);
+  return choose(views, known, camera, 6).map((view) => photos.get(view, shownStep)).filter((photo) => !slots.some((slot) => slot.photo === photo)).slice(0, 2);
 }
 
 function present() {
   const { share } = beyond(poseOf(camera));
   const truth = views[at]?.held_out ? photos.get(at, shownStep) : undefined;
-  const options = { depth: element("depth").checked, guessed: element("guessed").checked, fade: 0.85 * share, ground: ground() };
+  const ground = getComputedStyle(document.body).backgroundColor.match(/\d+/g).slice(0, 3).map((value) => value / 255);
+  const options = { depth: element("depth").checked, guessed: element("guessed").checked, fade: 0.85 * share, ground };
   drawer.present({ ...options, ...(truth?.bitmap ? { photo: truth, wipe: Number(element("wipe").value) } : {}) });
 }
 
@@ -176,19 +169,18 @@ function tick(now) {
     if (time >= timeLine.length) stopRun();
   }
   playStep(now);
+  if (resting && !needed) return;
   const changing = chooseSlots(now, elapsed, jump);
   if (slots.length === 0) return;
   const moving = pressed || flight || run !== undefined || playing || now - movedAt < REST;
-  if (!(needed || changing || (!moving && !resting))) return;
   const full = !moving && !changing;
-  if (needed || changing || full) {
-    begun = performance.now();
-    draw(full);
-    fence = drawer.gl.fenceSync(drawer.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    [needed, resting] = [false, full];
-    wantPhotos();
-    if (!full) hideFull();
-  }
+  if (!(needed || changing || full)) return;
+  begun = performance.now();
+  draw(full);
+  fence = drawer.gl.fenceSync(drawer.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+  [needed, resting] = [false, full];
+  wantPhotos();
+  if (!full) hideFull();
 }
 
 function finished(now) {
@@ -197,10 +189,11 @@ function finished(now) {
   frames.push({ now, took, full: resting });
   frames = frames.slice(-600);
   if (!resting) {
-    fastFrames = took < FAST ? fastFrames + 1 : 0;
-    if (took > SLOW && level < LEVELS.length - 1) level += took > 3 * SLOW && level < LEVELS.length - 2 ? 2 : 1;
+    // A single slow frame, in which photos were put into textures, changes nothing.
+    [fastFrames, slowFrames] = [took < FAST ? fastFrames + 1 : 0, took > SLOW && drawn > 3 ? slowFrames + 1 : 0];
+    if (slowFrames > 1 && level < LEVELS.length - 1) [level, slowFrames] = [level + 1, 0];
     else if (fastFrames > 40 && level > 0) [level, fastFrames] = [level - 1, 0];
-  } else if (drawn < 3 && took > 4 * SLOW) level = LEVELS.length - 2;
+  }
   canvas.dataset.quality = resting ? "rest" : "moving";
   canvas.dataset.frame = drawn;
   canvas.dataset.step = shownStep;
@@ -212,21 +205,19 @@ let wantedAt = 0;
 function wantPhotos(now = performance.now()) {
   if (now - wantedAt < 100) return;
   wantedAt = now;
-  const order = nearestTo(poseOf(camera));
-  const held = order.filter((view) => views[view].held_out);
-  const of = (chosen, time) => chosen.map((view) => photos.get(view, time));
-  if (!video) return photos.want(of([...order.filter((view) => !views[view].held_out), ...held], 0), (photo) => drawer.free(photo));
-  const near = order.filter((view) => !views[view].held_out).slice(0, 4);
-  const steps = Array.from({ length: Math.min(video.steps, 24) }, (_, i) => (step + i) % video.steps);
-  photos.want([...steps.flatMap((time) => of(near, time)), ...of(held, step)], (photo) => drawer.free(photo));
+  const near = nearestFree(poseOf(camera));
+  const held = views.filter((view) => view.held_out).map(({ index }) => photos.get(index, step));
+  const steps = video ? Array.from({ length: Math.min(video.steps, 24) }, (_, i) => (step + i) % video.steps) : [0];
+  const wanted = steps.flatMap((time) => near.slice(0, video ? 4 : near.length).map((view) => photos.get(view, time)));
+  photos.want([...wanted, ...held], (photo) => drawer.free(photo));
 }
 
 // The next time step is shown once its photos and their depth are there.
 function playStep(now) {
   if (!video) return;
   const isReady = (time) => {
-    const near = nearestTo(poseOf(camera)).filter((view) => !views[view].held_out).slice(0, 4).map((view) => photos.get(view, time));
-    return near.every((photo) => photo.state === "depth" || photo.state === "failed" || (photo.bitmap && !playing && time === step));
+    const near = nearestFree(poseOf(camera)).slice(0, 4);
+    return near.map((view) => photos.get(view, time)).every((photo) => photo.state === "depth" || photo.state === "failed" || (photo.bitmap && !playing && time === step));
   };
   if (playing && shownStep === step) {
     const due = Math.floor(((now - playedFrom) / 1000) * video.rate);
@@ -328,15 +319,13 @@ function hideFull() {
   if (!fullBlob) return;
   URL.revokeObjectURL(element("full").src);
   element("full").classList.remove("shown");
-  element("full").hidden = true;
-  fullBlob = undefined;
+  [element("full").hidden, fullBlob] = [true, undefined];
 }
 async function renderFull() {
   const asked = camera;
   element("quality").disabled = true;
   try {
-    const { w, h, fl_x, fl_y, cx, cy, cam_from_world } = camera;
-    const body = JSON.stringify({ camera: { w, h, fl_x, fl_y, cx, cy, cam_from_world }, step: shownStep });
+    const body = JSON.stringify({ camera, step: shownStep });
     const blob = await (await fetched("picture", { method: "POST", body })).blob();
     if (asked !== camera) return;
     const image = element("full");
@@ -373,7 +362,7 @@ function startRun() {
   element("run").textContent = "Stop";
 }
 
-element("nearest").onclick = () => goTo(nearestTo(poseOf(camera)).find((view) => !views[view].held_out));
+element("nearest").onclick = () => goTo(nearestFree(poseOf(camera))[0]);
 element("screen").onclick = () => (document.fullscreenElement ? document.exitFullscreen() : element("stage").requestFullscreen?.());
 element("save").onclick = () => (fullBlob ? download(fullBlob, "picture.png") : canvas.toBlob((blob) => download(blob, "picture.png")));
 element("quality").onclick = renderFull;
@@ -393,8 +382,7 @@ element("clock").oninput = () => {
   place({ ...timeLine.at(Number(element("clock").value)) }, undefined);
 };
 element("path").onclick = () => {
-  const cameras = timeLine.cameras().map(({ cam_from_world, fl_x, fl_y, cx, cy, w, h }) => ({ cam_from_world, fl_x, fl_y, cx, cy, w, h }));
-  download(new Blob([JSON.stringify(cameras, null, 1)], { type: "application/json" }), "path.json");
+  download(new Blob([JSON.stringify(timeLine.cameras(), null, 1)], { type: "application/json" }), "path.json");
 };
 element("video").onclick = () => {
   try {

@@ -1,7 +1,9 @@
 //! The HTTP server, in its own thread, and its connections.
 
 mod guard;
+mod jobs;
 mod routes;
+mod source;
 pub(crate) mod viewer;
 
 use std::io;
@@ -18,14 +20,14 @@ use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::{sleep, timeout};
 use tokio_io_timeout::TimeoutStream;
 
-use routes::routes;
 pub(crate) use guard::Guard;
 pub(crate) use routes::App;
+use routes::routes;
 
 /// Time for open connections to end.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
@@ -120,11 +122,15 @@ pub(crate) async fn serve(
         .max_header_size(MAX_HEAD_BYTES)
         .max_headers(MAX_HEAD_LINES);
     loop {
-        let (stream, address) = tokio::select! {
-            accepted = accept(&listener) => accepted,
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
             _ = stopping.wait_for(|&stopping| stopping) => return Ok(()),
         };
-        let Some((place, replaced)) = connections.open(address) else { continue };
+        let Ok((stream, address)) = accepted else {
+            sleep(RETRY).await;
+            continue;
+        };
+        let Some((place, replaced)) = connections.open(address.ip()) else { continue };
         let _ = stream.set_nodelay(true);
         let mut stream = Box::pin(TimeoutStream::new(stream));
         stream.as_mut().set_write_timeout_pinned(Some(STALL_TIMEOUT));
@@ -154,20 +160,10 @@ pub(crate) async fn serve(
     }
 }
 
-async fn accept(listener: &TcpListener) -> (TcpStream, IpAddr) {
-    loop {
-        match listener.accept().await {
-            Ok((stream, address)) => return (stream, address.ip()),
-            Err(_) => sleep(RETRY).await,
-        }
-    }
-}
-
 /// The open connections, the oldest first.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 struct Connections(Arc<Mutex<Vec<Connection>>>);
 
-#[derive(Debug)]
 struct Connection {
     address: IpAddr,
     /// Whether a request is being answered.
@@ -177,7 +173,6 @@ struct Connection {
 }
 
 /// An open connection, which counts until it is dropped.
-#[derive(Debug)]
 struct Place {
     connections: Connections,
     busy: Arc<AtomicBool>,
@@ -219,7 +214,7 @@ mod tests {
     use axum::body::Bytes;
     use axum::routing::get;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
-    use tokio::net::TcpSocket;
+    use tokio::net::{TcpSocket, TcpStream};
 
     use super::*;
 
@@ -277,7 +272,10 @@ mod tests {
         assert!(connections.open(one).is_none() && connections.open(other).is_some());
         places[7].0.busy.store(false, Ordering::Relaxed);
         let newest = connections.open(one).unwrap();
-        let replaced: Vec<bool> = places.iter_mut().map(|(_, replaced)| replaced.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed)).collect();
+        let replaced: Vec<bool> = places
+            .iter_mut()
+            .map(|(_, replaced)| replaced.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed))
+            .collect();
         assert_eq!(replaced.iter().position(|&replaced| replaced), Some(7));
         drop((places, newest));
         assert!(connections.lock().is_empty());

@@ -19,9 +19,8 @@ use serde_json::Value;
 use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
-use super::Guard;
-use crate::jobs::{Answer, Jobs, KeptFiles, PhotoKey, Viewpoint};
-use crate::source;
+use super::jobs::{Answer, Jobs, KeptFiles, PhotoKey, Viewpoint};
+use super::{Guard, source};
 
 /// Largest body of a request, bytes.
 const MAX_BYTES: usize = 4096;
@@ -34,6 +33,8 @@ const DEPTH_TIMEOUT: Duration = Duration::from_secs(60);
 pub(crate) struct App {
     pub(crate) jobs: Arc<Jobs>,
     pub(crate) scene: Scene,
+    /// Views without depth.
+    pub(crate) held_out: Vec<usize>,
     /// The photos of a rig.
     pub(crate) frames: Option<Arc<Mutex<Frames>>>,
     /// Time steps; 1 for a scene of photos.
@@ -89,58 +90,43 @@ async fn page(State(app): State<Arc<App>>) -> Response {
 
 impl App {
     /// The photo that a request names, by its view and for a rig by the time step in the query, such as `step=3`.
-    fn key(&self, view: usize, uri: &Uri) -> Result<PhotoKey, Response> {
-        let missing = |expected: String| (StatusCode::NOT_FOUND, format!("expected {expected}\n")).into_response();
-        let views = self.scene.views.len();
-        if view >= views {
-            return Err(missing(format!("a view from 0 to {}", views - 1)));
-        }
+    /// `None` if there is none.
+    fn key(&self, view: usize, uri: &Uri) -> Option<PhotoKey> {
         let given = uri.query().and_then(|query| query.split('&').find_map(|pair| pair.strip_prefix("step=")));
-        match given.map_or(Some(0), |step| step.parse().ok().filter(|&step| step < self.steps)) {
-            Some(step) => Ok((view, step)),
-            None => Err(missing(format!("?step= from 0 to {}", self.steps - 1))),
-        }
+        let step = given.map_or(Some(0), |step| step.parse().ok())?;
+        (view < self.scene.views.len() && step < self.steps).then_some((view, step))
     }
 }
 
 /// A photo, undistorted, at the size of its camera.
 async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -> Response {
-    let key = match app.key(view, &uri) {
-        Ok(key) => key,
-        Err(missing) => return missing,
-    };
-    let kept = |app: &App| app.photos.lock().unwrap_or_else(PoisonError::into_inner).get(key);
+    let Some(key) = app.key(view, &uri) else { return StatusCode::NOT_FOUND.into_response() };
     let Ok(_permit) = app.reading.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
-    let found = match kept(&app) {
-        Some(kept) => Ok(kept),
-        None => {
-            let (scene, frames) = (app.scene.clone(), app.frames.clone());
-            let read = move || source::photo(&scene, frames.as_deref(), key);
-            match tokio::task::spawn_blocking(read).await.map_err(anyhow::Error::from).flatten() {
-                Ok(jpeg) => {
-                    let jpeg: Arc<[u8]> = jpeg.into();
-                    app.photos.lock().unwrap_or_else(PoisonError::into_inner).insert(key, Arc::clone(&jpeg));
-                    Ok(jpeg)
-                }
-                Err(error) => {
-                    (app.note)(&format!("a photo could not be sent: {error:#}"));
-                    Err(())
-                }
-            }
-        }
-    };
-    answer::<()>(Ok(found), "image/jpeg")
+    let photos = || app.photos.lock().unwrap_or_else(PoisonError::into_inner);
+    let kept = photos().get(key);
+    if let Some(kept) = kept {
+        return answer::<()>(Ok(Ok(kept)), "image/jpeg");
+    }
+    let (scene, frames) = (app.scene.clone(), app.frames.clone());
+    let read = tokio::task::spawn_blocking(move || source::photo(&scene, frames.as_deref(), key)).await;
+    let read = read.map_err(anyhow::Error::from).flatten().map(Arc::<[u8]>::from);
+    if let Ok(jpeg) = &read {
+        photos().insert(key, Arc::clone(jpeg));
+    }
+    let failed = |error: anyhow::Error| (app.note)(&format!("a photo could not be sent: {error:#}"));
+    answer::<()>(Ok(read.map_err(failed)), "image/jpeg")
 }
 
 /// The depth of a photo, once it is found.
 async fn depth(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -> Response {
-    match app.key(view, &uri).map(|key| app.jobs.depth(key)) {
-        Ok(Some(found)) => match timeout(DEPTH_TIMEOUT, found).await {
+    let key = app.key(view, &uri).filter(|_| !app.held_out.contains(&view));
+    match key.map(|key| app.jobs.depth(key)) {
+        Some(Some(found)) => match timeout(DEPTH_TIMEOUT, found).await {
             Ok(found) => answer(found, "application/octet-stream"),
             Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
         },
-        Ok(None) => too_many(),
-        Err(missing) => missing,
+        Some(None) => too_many(),
+        None => StatusCode::NOT_FOUND.into_response(),
     }
 }
 

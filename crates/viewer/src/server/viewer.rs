@@ -15,11 +15,11 @@ use liveview_synthesizer::{PhotoCorrection, Scene, Synthesizer, Targets};
 use serde_json::{Value, json};
 use tokio::sync::{Semaphore, watch};
 
+use super::jobs::Jobs;
+use super::source::{Rig, Source};
 use super::{App, Guard, Server, listen, reachable};
 use crate::bake::start_view;
-use crate::jobs::Jobs;
 use crate::page::{description, page};
-use crate::source::{Rig, Source};
 
 /// Interval at which an interrupt is looked for.
 const INTERRUPT_POLL: Duration = Duration::from_millis(100);
@@ -105,6 +105,7 @@ impl Viewer {
         let app = App {
             jobs: Arc::clone(&jobs),
             scene: opened.scene,
+            held_out: settings.held_out.clone(),
             frames: opened.frames,
             steps: opened.steps,
             page: page(&opened.description, true),
@@ -175,7 +176,8 @@ impl Opened {
         description["served"] = json!({
             "engine": settings.engine, "layers": synthesizer.layers().to_string(), "video": video,
         });
-        let source = Source::new(synthesizer, held_out.clone(), settings.without_network, settings.note, rig);
+        let ViewSettings { without_network, note, .. } = *settings;
+        let source = Source { synthesizer, held_out: held_out.clone(), without_network, note, rig };
         Ok(Self { source, scene, frames, steps, description })
     }
 }

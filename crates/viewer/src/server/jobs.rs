@@ -8,10 +8,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use liveview::Camera;
 use tokio::sync::oneshot;
 
-use crate::source::Source;
+use super::source::Source;
 
 /// A camera, and a time step of a rig.
-#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Viewpoint {
     pub(crate) camera: Camera,
     /// 0 for a scene of photos.
@@ -31,7 +30,7 @@ const MAX_WAITING: usize = 512;
 const KEPT_BYTES: usize = 192 << 20;
 
 /// Files that were sent; of more than a number of bytes the oldest are dropped.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(crate) struct KeptFiles {
     files: HashMap<PhotoKey, Arc<[u8]>>,
     order: VecDeque<PhotoKey>,
@@ -44,12 +43,12 @@ impl KeptFiles {
     }
 
     pub(crate) fn insert(&mut self, key: PhotoKey, file: Arc<[u8]>) {
-        self.bytes += file.len();
-        if let Some(old) = self.files.insert(key, file) {
-            self.bytes -= old.len();
-        } else {
-            self.order.push_back(key);
+        if self.files.contains_key(&key) {
+            return;
         }
+        self.bytes += file.len();
+        self.files.insert(key, file);
+        self.order.push_back(key);
         while self.bytes > KEPT_BYTES && self.order.len() > 1 {
             let dropped = self.order.pop_front().and_then(|key| self.files.remove(&key));
             self.bytes -= dropped.map_or(0, |file| file.len());
@@ -239,7 +238,10 @@ mod tests {
         let mut kept = KeptFiles::default();
         let file: Arc<[u8]> = vec![0; KEPT_BYTES / 3].into();
         (0..5).for_each(|view| kept.insert((view, 0), Arc::clone(&file)));
-        assert_eq!((0..5).map(|view| kept.get((view, 0)).is_some()).collect::<Vec<_>>(), [false, false, true, true, true]);
+        assert_eq!(
+            (0..5).map(|view| kept.get((view, 0)).is_some()).collect::<Vec<_>>(),
+            [false, false, true, true, true]
+        );
         assert!(kept.bytes <= KEPT_BYTES);
     }
 }

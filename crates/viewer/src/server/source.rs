@@ -8,23 +8,21 @@ use anyhow::{Result, anyhow, bail};
 use liveview::image::encode;
 use liveview::render::Renderer;
 use liveview_live::rig::Frames;
-use liveview_synthesizer::{
-    Scene, ScenePhotos, SceneViews, Synthesizer, Targets, ViewAgreement, agreement,
-};
+use liveview_synthesizer::{Scene, ScenePhotos, SceneViews, Synthesizer, Targets, ViewAgreement, agreement};
 
+use super::jobs::Viewpoint;
 use crate::depth_code::DepthCode;
-use crate::jobs::Viewpoint;
 
 /// Steps of depth to a pixel of parallax, as in a baked page of full quality.
 const DEPTH_STEPS: u16 = 16;
 
 /// A synthesizer of a scene, or of the time step of a rig that was asked for last.
 pub(crate) struct Source {
-    synthesizer: Synthesizer,
-    held_out: Vec<usize>,
-    without_network: bool,
-    note: fn(&str),
-    rig: Option<Rig>,
+    pub(crate) synthesizer: Synthesizer,
+    pub(crate) held_out: Vec<usize>,
+    pub(crate) without_network: bool,
+    pub(crate) note: fn(&str),
+    pub(crate) rig: Option<Rig>,
 }
 
 /// A rig, of which one time step is open.
@@ -37,16 +35,6 @@ pub(crate) struct Rig {
 }
 
 impl Source {
-    pub(crate) fn new(
-        synthesizer: Synthesizer,
-        held_out: Vec<usize>,
-        without_network: bool,
-        note: fn(&str),
-        rig: Option<Rig>,
-    ) -> Self {
-        Self { synthesizer, held_out, without_network, note, rig }
-    }
-
     /// A picture at full quality, as PNG: that of `liveview render --pose`.
     pub(crate) fn picture(&mut self, viewpoint: &Viewpoint) -> Result<Vec<u8>> {
         let held_out = self.open(viewpoint.step)?;
@@ -55,8 +43,7 @@ impl Source {
         let loaded = self.synthesizer.load(&shot, &[])?;
         let plan = self.synthesizer.plan(&loaded)?;
         self.take_notes();
-        let (frame, _) =
-            agreement::render(&mut self.synthesizer, &loaded, &plan, self.without_network, &mut |_| ())?;
+        let (frame, _) = agreement::render(&mut self.synthesizer, &loaded, &plan, self.without_network, &mut |_| ())?;
         Ok(encode(Path::new("picture.png"), &frame.picture())?)
     }
 
@@ -94,18 +81,15 @@ impl Source {
             let photos = ScenePhotos::new(SceneViews::new(opened, Some(near), Some(far)));
             rig.step = Some(step);
             let layers = self.synthesizer.layers().clone();
-            let mut next = Synthesizer::new(photos, placeholder(), layers);
+            // Its renderer moves on to the next.
+            let placeholder = Renderer::new(Box::new(ViewAgreement { views: 1 }), ViewAgreement::ALPHA, 1);
+            let mut next = Synthesizer::new(photos, placeholder, layers);
             mem::swap(next.renderer_mut(), self.synthesizer.renderer_mut());
             next.photo_correction = self.synthesizer.photo_correction;
             self.synthesizer = next;
         }
         Ok(Vec::new())
     }
-}
-
-/// Stands in for a renderer that moves on.
-fn placeholder() -> Renderer {
-    Renderer::new(Box::new(ViewAgreement { views: 1 }), ViewAgreement::ALPHA, 1)
 }
 
 /// The photo of a view, at a time step of a rig, as JPEG.
