@@ -36,7 +36,10 @@ fn page_holds_photos_depth_and_nothing_that_loads() {
         (&description["near"], &description["far"], &description["start"]),
         (&2.0.into(), &8.0.into(), &2.into())
     );
-    assert!(page.contains("default-src 'none'; script-src 'sha256-") && page.contains("connect-src 'none'"));
+    assert!(
+        page.contains("default-src 'none'; script-src 'sha256-")
+            && page.contains("img-src blob: data: ; connect-src ; base-uri")
+    );
     for loads in ["http:", "https:", " src=", "@import", "onclick=", "onload=", "onerror="] {
         assert!(!page.contains(loads), "{loads}");
     }

@@ -39,11 +39,11 @@ const SHADERS: [(&str, &str); 10] = [
 /// The page of a scene. It runs its own script alone, and loads nothing but, if it is served, what the same server has.
 pub(crate) fn page(description: &Value, is_served: bool) -> String {
     let hash = |text: &str| format!("'sha256-{}'", STANDARD.encode(Sha256::digest(text)));
+    let own = if is_served { "'self'" } else { "" };
     let policy = format!(
-        "default-src 'none'; script-src {}; style-src {}; img-src blob: data:; connect-src {}; base-uri 'none'; form-action 'none'",
+        "default-src 'none'; script-src {}; style-src {}; img-src blob: data: {own}; connect-src {own}; base-uri 'none'; form-action 'none'",
         hash(SCRIPT),
         hash(STYLE),
-        if is_served { "'self'" } else { "'none'" }
     );
     let shader = |(name, text): (&str, &str)| format!("<script type=\"text/plain\" id=\"{name}\">{text}</script>\n");
     // Within a script element only `<` could end it; within JSON it stands in strings alone.
@@ -68,7 +68,10 @@ pub(crate) fn page(description: &Value, is_served: bool) -> String {
 /// What the page knows of a scene: its views, `free` of which are drawn from, and where to begin. `start`: index of a
 /// view.
 pub(crate) fn description(scene: &Scene, held_out: &[usize], start: usize, (near, far): (f64, f64)) -> Value {
-    let view = |(index, view): (usize, &liveview_scene::View)| json!({ "name": view.name, "camera": camera_json(&view.camera), "held_out": held_out.contains(&index) });
+    let view = |(index, view): (usize, &liveview_scene::View)| {
+        let (held_out, skew) = (held_out.contains(&index), view.camera.intrinsics().skew);
+        json!({ "name": view.name, "camera": camera_json(&view.camera), "skew": skew, "held_out": held_out })
+    };
     let folder = scene.root.canonicalize().unwrap_or_else(|_| scene.root.clone());
     json!({
         "scene": folder.file_name().unwrap_or_default().to_string_lossy(),
@@ -78,13 +81,13 @@ pub(crate) fn description(scene: &Scene, held_out: &[usize], start: usize, (near
     })
 }
 
-/// A camera in the format that `render --pose` reads, and its skew.
+/// A camera in the format that `render --pose` reads, which has no skew.
 fn camera_json(camera: &Camera) -> Value {
     let (rotation, translation) = (camera.rotation(), camera.translation());
     let row = |row: usize| [rotation.row(row).x, rotation.row(row).y, rotation.row(row).z, translation[row]];
-    let Intrinsics { fx, fy, cx, cy, skew } = camera.intrinsics();
+    let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
     json!({
         "cam_from_world": [row(0), row(1), row(2)],
-        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "skew": skew, "w": camera.width(), "h": camera.height(),
+        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width(), "h": camera.height(),
     })
 }

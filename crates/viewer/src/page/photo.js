@@ -4,8 +4,12 @@
 // Width of a thumbnail.
 const THUMBNAIL = 160;
 
-async function decodePhoto(bytes) {
-  const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+async function loadPhoto(url) {
+  const bitmap = new Image();
+  await new Promise((resolve, reject) => {
+    [bitmap.onload, bitmap.onerror] = [resolve, () => reject(new Error("the photo cannot be read"))];
+    bitmap.src = url;
+  });
   const drawn = (width) => {
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [width, Math.max(1, Math.round((width * bitmap.height) / bitmap.width))];
@@ -18,8 +22,13 @@ async function decodePhoto(bytes) {
 
 // The inverse of crates/viewer/src/depth_code.rs.
 async function decodeDepth(bytes, width, height) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const data = new Uint8Array(await new Response(stream).arrayBuffer());
+  const compressed = new ReadableStream({
+    start(controller) {
+      controller.enqueue(bytes);
+      controller.close();
+    },
+  });
+  const data = new Uint8Array(await new Response(compressed.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
   const [count, view] = [width * height, new DataView(data.buffer)];
   const [flags, high] = [8, 8 + Math.ceil(count / 8)];
   if (data.length !== high + 2 * count) throw new Error(`depth of ${data.length} bytes; expected ${high + 2 * count}`);

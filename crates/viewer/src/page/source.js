@@ -4,19 +4,16 @@ const scene = JSON.parse(document.getElementById("scene").textContent);
 const token = new URLSearchParams(location.search).get("token");
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
 
+const address = (path) => (token ? `${path}${path.includes("?") ? "&" : "?"}token=${encodeURIComponent(token)}` : path);
+
 async function fetched(path, options) {
-  const mark = path.includes("?") ? "&" : "?";
-  const answer = await fetch(token ? `${path}${mark}token=${encodeURIComponent(token)}` : path, options);
+  const answer = await fetch(address(path), options);
   if (!answer.ok) throw Object.assign(new Error((await answer.text()).trim() || `status ${answer.status}`), { again: answer.status === 503 });
   return answer;
 }
 
-async function fileOf(kind, view, step) {
-  if (scene.served) return new Uint8Array(await (await fetched(`${kind}/${view}?step=${step}`)).arrayBuffer());
-  const text = scene.views[view][kind];
-  scene.views[view][kind] = undefined;
-  return bytesOf(text);
-}
+const photoUrl = ({ view, step }) => (scene.served ? address(`photo/${view}?step=${step}`) : `data:image/jpeg;base64,${scene.views[view].photo}`);
+const depthOf = async ({ view, step }) => (scene.served ? new Uint8Array(await (await fetched(`depth/${view}?step=${step}`)).arrayBuffer()) : bytesOf(scene.views[view].depth));
 
 // Photos that stay in memory; those far from the viewpoint, and of other time steps, are dropped first.
 const MOST_LOADED = 120;
@@ -35,8 +32,8 @@ class Photos {
   get(view, step = 0) {
     const key = `${view} ${step}`;
     if (!this.photos.has(key)) {
-      const { camera, pose, held_out } = this.views[view];
-      this.photos.set(key, { view, step, camera, pose, gains: new Map(), state: "none", hasDepth: !held_out });
+      const { camera, skew, pose, held_out } = this.views[view];
+      this.photos.set(key, { view, step, camera: { ...camera, skew }, pose, gains: new Map(), state: "none", hasDepth: !held_out });
     }
     return this.photos.get(key);
   }
@@ -86,12 +83,12 @@ class Photos {
       photo.state = "loading";
       try {
         if (before === "none") {
-          Object.assign(photo, await decodePhoto(await fileOf("photo", photo.view, photo.step)));
+          Object.assign(photo, await loadPhoto(photoUrl(photo)));
           this.views[photo.view].thumbnail ??= photo.thumbnail;
           photo.state = "photo";
         } else {
           const { w, h } = photo.camera;
-          const depth = await decodeDepth(await fileOf("depth", photo.view, photo.step), w, h);
+          const depth = await decodeDepth(await depthOf(photo), w, h);
           await pause(0);
           const fine = cellsOf(depth, false);
           await pause(0);

@@ -201,7 +201,7 @@ function finished(now) {
 }
 
 // Loads the photos around the viewpoint, nearest first; of a rig also of the next time steps.
-let wantedAt = 0;
+let wantedAt = -Infinity;
 function wantPhotos(now = performance.now()) {
   if (now - wantedAt < 100) return;
   wantedAt = now;
