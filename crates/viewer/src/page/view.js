@@ -71,7 +71,9 @@ listen(canvas, {
   orbit(dx, dy) {
     const { rotation, centre } = poseOf(camera);
     const middle = add(centre, rotation[2], ahead());
-    const turned = product(turn(rotation[0], -2.2 * dy), turn(map.down, 2.2 * dx));
+    // A drag over the whole width goes as far as the photos do, half a turn at most.
+    const speed = clamp((3 * map.extent) / ahead(), 0.4, 3);
+    const turned = product(turn(rotation[0], -speed * dy), turn(map.down, speed * dx));
     moved({ rotation: product(rotation, transposed(turned)), centre: add(middle, times(turned, add(centre, middle, -1))) });
   },
   pan(dx, dy) {
