@@ -69,7 +69,7 @@ export async function testControls({ page, folder, shots, passed }) {
     await page.uncheck(`#${id}`);
     await atRest(page);
   }
-  await page.$eval("#view", (slider) => { slider.value = -0.4; slider.dispatchEvent(new Event("input")); });
+  await page.$eval("#view", (slider) => { slider.value = 0.4; slider.dispatchEvent(new Event("input")); });
   await atRest(page);
   assert.ok(Number.parseFloat(await text(page, "degrees")) > 60);
   passed("depth and guessed pixels, field of view");

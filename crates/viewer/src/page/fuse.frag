@@ -1,5 +1,5 @@
 // The photos' depths fused on the target, as in crates/surface/src/fusion.rs: of the confirmed ones the nearest that another photo has too, else
-// the nearest; with it the mean of those just behind. Where none is confirmed, the same of the others, if two agree.
+// the nearest; with it the mean of those just behind. Where none is confirmed, the same of the others.
 // Disparity as 24 bits of its share of `largest`; alpha: 1 confirmed, 0.5 not, 0 no depth.
 uniform sampler2D depth0, depth1, depth2, depth3, depth4, depth5;
 uniform int count;
@@ -25,7 +25,7 @@ void main() {
       if (min(d[i], d[j]) >= 0.0 && abs(d[i] - d[j]) <= same) paired = max(paired, max(d[i], d[j]));
     }
   }
-  if (nearest < 0.0 || (!sure && paired < 0.0)) {
+  if (nearest < 0.0) {
     fused = vec4(0.0);
     return;
   }
