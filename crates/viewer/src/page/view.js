@@ -44,10 +44,7 @@ const nearestTo = (pose) => [...views].sort((a, b) => distance(a.pose.centre, po
 const nearestFree = (pose) => nearestTo(pose).filter((view) => !views[view].held_out);
 
 function place(next, exactly) {
-  camera = next;
-  at = exactly;
-  movedAt = performance.now();
-  needed = true;
+  [camera, at, movedAt, needed, resting] = [next, exactly, performance.now(), true, false];
 }
 
 // Flies to the pose of a photo, and takes its field of view.
@@ -55,7 +52,7 @@ function goTo(view) {
   run = undefined;
   element("photo_list").value = view;
   flight = { from: camera, to: views[view].camera, view, begun: performance.now() };
-  needed = true;
+  [needed, resting] = [true, false];
 }
 
 const moved = (pose) => place(cameraAt(camera, pose), undefined);
