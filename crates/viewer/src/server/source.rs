@@ -4,7 +4,7 @@ use std::mem;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, anyhow};
 use liveview::image::encode;
 use liveview::render::Renderer;
 use liveview_live::rig::Frames;
@@ -101,8 +101,5 @@ pub(crate) fn photo(scene: &Scene, frames: Option<&Mutex<Frames>>, (view, step):
             read.ok_or_else(|| anyhow!("no camera {view}"))?.map_err(|reason| anyhow!("{reason}"))?
         }
     };
-    if photo.size() != scene.views[view].camera.size() {
-        bail!("photo {view} has another size than its camera");
-    }
     Ok(liveview::image::encode_with_quality(Path::new("photo.jpg"), &photo, crate::bake::QUALITIES[0].0)?)
 }
