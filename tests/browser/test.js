@@ -25,6 +25,8 @@ mkdirSync(shots, { recursive: true });
 const passed = (what) => console.log(`ok  ${what}`);
 const only = process.argv.slice(2);
 const figures = [];
+// What fails at the end, after all else was tested.
+const missed = [];
 
 const browser = await playwright.launch({
   executablePath: process.env.CHROMIUM ?? (await chromium.executablePath()),
@@ -84,8 +86,8 @@ async function pictures() {
   const mean = gaps.reduce((sum, gap) => sum + gap, 0) / gaps.length;
   figures.push(`pictures: canvas less surface:3 ${mean.toFixed(2)} dB in the mean of ${rows.length} scenes, ${Math.min(...gaps).toFixed(2)} at worst`);
   // The mean is that of all eight scenes.
-  assert.ok((rows.length < SCENES.length || mean > -0.7) && Math.min(...gaps) > -1.5, figures[figures.length - 1]);
-  passed("pictures are near the library's");
+  if ((rows.length < SCENES.length || mean > -0.7) && Math.min(...gaps) > -1.5) passed("pictures are near the library's");
+  else missed.push(figures[figures.length - 1]);
   return rows[0];
 }
 
@@ -234,6 +236,7 @@ try {
   await rig();
   assert.deepEqual(errors, []);
   console.log(`\n${figures.join("\n")}\nTexture reads a pixel: at most 45 (computed from the shaders); on a graphics processor this is far above 60 frames a second (computed, not measured).`);
+  assert.deepEqual(missed, [], "expected at most 0.7 dB in the mean of the eight scenes, at most 1.5 dB on each");
 } finally {
   await browser.close();
   servers.forEach(({ child }) => child.kill());
