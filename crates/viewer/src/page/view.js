@@ -201,7 +201,8 @@ function finished(now) {
 
 // Loads the photos around the viewpoint, nearest first; of a rig also of the next time steps.
 let wantedAt = -Infinity;
-function wantPhotos(now = performance.now()) {
+function wantPhotos() {
+  const now = performance.now();
   if (now - wantedAt < 100) return;
   wantedAt = now;
   const near = nearestFree(poseOf(camera));
@@ -224,7 +225,8 @@ function playStep(now) {
       [step, playedFrom] = [(step + due) % video.steps, playedFrom + (1000 * due) / video.rate];
       for (let back = 0; back < due - 1 && !isReady(step); back += 1) step = (step + video.steps - 1) % video.steps;
       showStep();
-      wantPhotos(Infinity);
+      wantedAt = -Infinity;
+      wantPhotos();
     }
   }
   if (shownStep !== step && isReady(step)) {
