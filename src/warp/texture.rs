@@ -28,15 +28,22 @@ const SMALLEST_VALUE: f32 = 1.0 / (1_u128 << 64) as f32;
 impl Texture {
     /// Copies the photo; values below 2⁻⁶⁴ (absolute) become 0.
     pub fn new(photo: &ImageRgb) -> Self {
-        let mut texture = Self::blank(photo.width(), photo.height());
+        let (width, height) = (photo.width(), photo.height());
         let (pixels, _) = photo.data().as_chunks::<3>();
-        for (row, pixels) in texture.rows_mut().zip(pixels.chunks_exact(photo.width())) {
-            for (texel, rgb) in row.iter_mut().zip(pixels) {
+        let stride = width + BORDER.0 + BORDER.1;
+        // Row by row: zeroing all of it first would take as long again.
+        let mut texels = Vec::with_capacity(stride * (height + BORDER.0 + BORDER.1));
+        texels.resize(BORDER.0 * stride, [0.0; 4]);
+        for row in pixels.chunks_exact(width) {
+            texels.extend_from_slice(&[[0.0; 4]; BORDER.0]);
+            texels.extend(row.iter().map(|rgb| {
                 let [r, g, b] = rgb.map(|value| if value.abs() < SMALLEST_VALUE { 0.0 } else { value });
-                *texel = [r, g, b, 1.0];
-            }
+                [r, g, b, 1.0]
+            }));
+            texels.extend_from_slice(&[[0.0; 4]; BORDER.1]);
         }
-        texture
+        texels.resize(texels.len() + BORDER.1 * stride, [0.0; 4]);
+        Self { texels, width, height, id: new_id() }
     }
 
     /// All texels 0, for a photo of that size.

@@ -159,6 +159,14 @@ impl Planes {
         Self { width, height, stride, rgb }
     }
 
+    /// Difference of colour of two pixels, given by their numbers row by row; summed over the channels.
+    #[inline(always)]
+    pub(crate) fn difference(&self, one: usize, other: usize) -> f32 {
+        let [one, other] = [one, other].map(|at| at / self.width * self.stride + at % self.width);
+        let [r, g, b] = [0, 1, 2].map(|channel| (self.rgb[channel][one] - self.rgb[channel][other]).abs());
+        (r + g) + b
+    }
+
     /// Row `y` of a channel, without its padding.
     pub(crate) fn row(&self, channel: usize, y: usize) -> &[f32] {
         &self.rgb[channel][y * self.stride..][..self.width]

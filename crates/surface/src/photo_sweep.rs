@@ -22,6 +22,7 @@ use glam::{DVec2, DVec3};
 use ndarray::Array3;
 use rayon::prelude::*;
 
+use crate::aggregate::{LABELS, PerLabel};
 use crate::grid::{Candidates, Grid, Planes, SEGMENT};
 use liveview::geometry::PlaneSweep;
 use liveview::warp::{NO_GAINS, RUN, RunCoverage, SamplePositions, WarpSource, round_to_i32, sample};
@@ -51,16 +52,128 @@ pub(crate) fn costs(
     let mut volume = vec![0; reference.height * reference.width * count];
     let search = Search { reference, sources, grid, candidates, ranges, count };
     let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
+    let columns: Vec<usize> = (0..reference.width).step_by(TILE_COLUMNS).collect();
     bands.for_each_init(
         || Box::new(Tile::NEW),
         |tile, (index, out)| {
             if ranges.is_some() {
                 out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
             }
-            search_band(&search, index * BAND_ROWS, tile, out);
+            search_band(&search, index * BAND_ROWS, &columns, None, tile, out);
         },
     );
     volume
+}
+
+/// As [`costs`], of the cells of a mask alone, into `volume`; the costs of others are unspecified.
+pub(crate) fn costs_in(
+    mask: &[bool],
+    reference: &Planes,
+    sources: &[WarpSource<'_>],
+    grid: &Grid,
+    candidates: Candidates<'_>,
+    volume: &mut Vec<u16>,
+) {
+    let (count, width) = (candidates.count(grid), reference.width);
+    volume.resize(reference.height * width * count, 0);
+    let search = Search { reference, sources, grid, candidates, ranges: None, count };
+    let bands = volume.par_chunks_mut(MASK_ROWS * width * count).zip(mask.par_chunks(MASK_ROWS * width)).enumerate();
+    bands.for_each_init(
+        || Box::new(Tile::NEW),
+        |tile, (index, (out, mask))| {
+            let columns = tile_columns(mask, width);
+            if !columns.is_empty() {
+                search_band(&search, index * MASK_ROWS, &columns, Some(mask), tile, out);
+            }
+        },
+    );
+}
+
+/// As [`costs_in`], of a few candidates of each pixel, fractional indices; `labels` and the costs are of all
+/// pixels.
+pub(crate) fn label_costs(
+    mask: &[bool],
+    labels: &[PerLabel],
+    reference: &Planes,
+    sources: &[WarpSource<'_>],
+    grid: &Grid,
+    volume: &mut Vec<[u16; LABELS]>,
+) {
+    let width = reference.width;
+    volume.resize(reference.height * width, [0; LABELS]);
+    let search = Search { reference, sources, grid, candidates: Candidates::All, ranges: None, count: LABELS };
+    let bands = volume.par_chunks_mut(MASK_ROWS * width).zip(mask.par_chunks(MASK_ROWS * width)).enumerate();
+    bands.for_each_init(
+        || Box::new(Tile::NEW),
+        |tile, (index, (out, mask))| {
+            let columns = tile_columns(mask, width);
+            if !columns.is_empty() {
+                label_band(&search, index * MASK_ROWS, (mask, &columns), labels, tile, out);
+            }
+        },
+    );
+}
+
+/// The rows of a band from the first to the last that has a cell of the mask in a tile, where `counts` says so.
+fn masked_rows(mask: &[bool], width: usize, left: usize, counts: impl Fn(usize, usize) -> bool) -> Range<usize> {
+    let columns = left..(left + TILE_COLUMNS).min(width);
+    let mut rows = mask.chunks_exact(width).enumerate().filter(|(y, row)| {
+        let mut wanted = columns.clone().filter(|&x| row[x]);
+        wanted.any(|x| counts(*y, x))
+    });
+    let first = rows.next().map_or(0, |(y, _)| y);
+    let end = rows.next_back().map_or(first, |(y, _)| y) + 1;
+    let any = mask[first * width..][columns.clone()].iter().zip(columns).any(|(&wanted, x)| wanted && counts(first, x));
+    if any { first..end } else { 0..0 }
+}
+
+/// First columns of tiles that hold the cells of a mask.
+fn tile_columns(mask: &[bool], width: usize) -> Vec<usize> {
+    let (mut columns, mut x) = (Vec::new(), 0);
+    while x < width {
+        let wanted = mask[x..].iter().step_by(width).any(|&wanted| wanted);
+        if wanted {
+            columns.push(x);
+        }
+        x += if wanted { TILE_COLUMNS } else { 1 };
+    }
+    columns
+}
+
+#[pulp::with_simd(label_band = pulp::Arch::new())]
+#[inline(always)]
+fn label_band_with<'a, S: pulp::Simd>(
+    simd: S,
+    search: &'a Search<'a>,
+    first: usize,
+    (mask, columns): (&'a [bool], &'a [usize]),
+    labels: &'a [PerLabel],
+    tile: &'a mut Tile,
+    out: &'a mut [[u16; LABELS]],
+) {
+    let Planes { width, height, .. } = *search.reference;
+    for &left in columns {
+        let rows = masked_rows(mask, width, left, |_, _| true);
+        (tile.first, tile.rows) = (first + rows.start, rows.len());
+        tile.column = left;
+        tile.inside = first + rows.end < height && left + RUN <= width;
+        for k in 0..LABELS {
+            let mut range = [f32::MAX, f32::MIN];
+            for y in tile.sampled_rows(height) {
+                for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
+                    *index = labels[y * width + (left + i).min(width - 1)][k];
+                    range = [range[0].min(*index), range[1].max(*index)];
+                }
+            }
+            tile.index_range = range;
+            search.candidate(simd, 0.0, k, tile);
+        }
+        for row in rows.clone() {
+            let cells = out[row * width + left..(row + 1) * width].iter_mut().enumerate();
+            let costs = |k: usize, i: usize| tile.costs[k][row - rows.start][i];
+            cells.take(TILE_COLUMNS).for_each(|(i, cell)| *cell = std::array::from_fn(|k| costs(k, i)));
+        }
+    }
 }
 
 struct Search<'a> {
@@ -72,27 +185,33 @@ struct Search<'a> {
     count: usize,
 }
 
-#[pulp::with_simd(search_band = liveview::simd::arch())]
+#[pulp::with_simd(search_band = pulp::Arch::new())]
 #[inline(always)]
 fn search_band_with<'a, S: pulp::Simd>(
     simd: S,
     search: &'a Search<'a>,
     first: usize,
+    columns: &'a [usize],
+    mask: Option<&'a [bool]>,
     tile: &'a mut Tile,
     out: &'a mut [u16],
 ) {
     let Planes { width, height, .. } = *search.reference;
-    (tile.first, tile.rows) = (first, out.len() / (width * search.count));
-    for left in (0..width).step_by(TILE_COLUMNS) {
+    for &left in columns {
         tile.column = left;
-        tile.inside = first + tile.rows < height && left + RUN <= width;
         for segment in search.segments(first / BAND_ROWS, left / TILE_COLUMNS) {
-            if search.begin_segment(segment, tile) {
+            let rows = match mask {
+                None => 0..out.len() / (width * search.count),
+                Some(mask) => masked_rows(mask, width, left, |y, x| search.has_segment(first + y, x, segment)),
+            };
+            (tile.first, tile.rows) = (first + rows.start, rows.len());
+            tile.inside = first + rows.end < height && left + RUN <= width;
+            if !rows.is_empty() && search.begin_segment(segment, tile) {
                 // A closure would be compiled without the vector instructions.
                 for k in 0..SEGMENT {
-                    search.candidate(simd, k, tile);
+                    search.candidate(simd, k as f32, k, tile);
                 }
-                search.store(segment, tile, out);
+                search.store(segment, tile, &mut out[rows.start * width * search.count..]);
             }
         }
     }
@@ -108,6 +227,12 @@ impl Search<'_> {
     fn segments(&self, row: usize, column: usize) -> std::ops::Range<usize> {
         let plane = |end: usize| self.ranges.map(|ranges| usize::from(ranges[(row, column, end)]));
         plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / SEGMENT
+    }
+
+    /// Whether a cell is searched at a segment.
+    fn has_segment(&self, y: usize, x: usize, segment: usize) -> bool {
+        let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else { return true };
+        starts[y / cells_per_side * columns + x / cells_per_side][segment] != Candidates::NO_SEGMENT
     }
 
     /// Sets the index of each cell's first candidate of a segment; false where no cell of the tile
@@ -136,17 +261,17 @@ impl Search<'_> {
 
     /// Computes the costs of the segment's `k`-th candidate, into `tile.costs`.
     #[inline(always)]
-    fn candidate<S: pulp::Simd>(&self, simd: S, k: usize, tile: &mut Tile) {
+    fn candidate<S: pulp::Simd>(&self, simd: S, offset: f32, k: usize, tile: &mut Tile) {
         let averaged = self.sources.len().min(BEST_NEIGHBOURS);
         let Planes { width, height, .. } = *self.reference;
         let (columns, rows) = (tile.column..(tile.column + RUN).min(width), tile.sampled_rows(height));
-        let disparities = tile.index_range.map(|index| self.grid.disparity(index + k as f32));
+        let disparities = tile.index_range.map(|index| self.grid.disparity(index + offset));
         for (index, source) in self.sources.iter().enumerate() {
             if is_unseen(source, &columns, &rows, disparities) {
                 keep_unseen(averaged, index == 0, tile);
                 continue;
             }
-            let all_seen = self.differences(simd, source, k as f32, tile);
+            let all_seen = self.differences(simd, source, offset, tile);
             if all_seen && tile.inside {
                 keep_lowest::<true>(averaged, index == 0, tile);
             } else {
@@ -265,6 +390,8 @@ fn keep_unseen(averaged: usize, first: bool, tile: &mut Tile) {
 
 /// Rows that one task processes at a time.
 pub(crate) const BAND_ROWS: usize = 24;
+/// The same of the cells of a mask.
+const MASK_ROWS: usize = 8;
 /// Rows of a tile: those of a band and the one below, for vertical gradients.
 const TILE_ROWS: usize = BAND_ROWS + 1;
 /// Columns from one tile to the next: the last column of a run has no right neighbour.

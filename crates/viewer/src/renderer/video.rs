@@ -52,7 +52,7 @@ impl Video {
         let governor = Governor::new(MOTION_BUDGET, &settings.layers, settings.with_models);
         let networks = Networks::new(std::mem::take(&mut settings.renderers), batch);
         let range = settings.rig.views.depth_range(&free, &[])?;
-        let motion = session(&settings, &networks, &free)?;
+        let motion = session(&settings, &networks, &free, Policy::default_for(&settings.layers))?;
         Ok(Self {
             frames: Frames::new(settings.rig.views.scene().clone(), &settings.rig.feeds),
             settings,
@@ -113,8 +113,8 @@ fn rendered(frame: LiveFrame, layers: LayerSpec, read: Duration, step: Step, ran
 }
 
 /// A session of all cameras, with the depth range of those read.
-fn session(settings: &RigSettings, networks: &Networks, read: &[usize]) -> Result<LiveSession> {
-    settings.session(networks.renderers(), read, Policy::default_for(&settings.layers))
+fn session(settings: &RigSettings, networks: &Networks, read: &[usize], policy: Policy) -> Result<LiveSession> {
+    settings.session(networks.renderers(), read, policy)
 }
 
 impl Source for Video {
@@ -156,7 +156,7 @@ impl Source for Video {
         let mut still = match kept.filter(|_| matches!(self.settings.layers, LayerSpec::Surface(_))) {
             Some(still) => still,
             None => {
-                let session = session(&self.settings, &self.networks, &cameras)?;
+                let session = session(&self.settings, &self.networks, &cameras, Policy::Once)?;
                 Still { step: viewpoint.step, cameras, session }
             }
         };
