@@ -90,7 +90,7 @@ fn surface_layers_skip_a_missing_photo_and_search_where_photos_change() {
     let output = without.output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let without: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&without["layers"], &without["policy"]), (&"surface:3".into(), &"propagate".into()));
+    assert_eq!((&without["layers"], &without["policy"]), (&"surface:1".into(), &"propagate".into()));
     assert!(without["mean"]["psnr"].as_f64().unwrap() > 20.0, "{without}");
 }
 

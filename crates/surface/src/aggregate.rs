@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use crate::grid::{Candidates, Grid, Planes, SEGMENT};
+use crate::grid::{Candidates, Grid, OWN, PerOwn, Planes, SEGMENT};
 use crate::photo_sweep::COST_SCALE;
 
 /// Columns that one task processes down and up.
@@ -131,7 +131,7 @@ fn down_and_up_with<'a, S: pulp::Simd>(
 #[inline(always)]
 fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
     let end = match paths.candidates {
-        Candidates::All => paths.grid.count,
+        Candidates::All | Candidates::Own(_) => paths.grid.count,
         // The cell has no second segment.
         Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
         Candidates::Segments { .. } => sums.len(),
@@ -216,7 +216,7 @@ impl Paths<'_> {
         let previous = &mut ends.previous[path * (count + 2 * MARGIN)..][..count + 2 * MARGIN];
         let starts_of = |(y, x): (usize, usize)| match self.candidates {
             // As two segments that adjoin: together they are all candidates.
-            Candidates::All => [0, SEGMENT as u16],
+            Candidates::All | Candidates::Own(_) => [0, SEGMENT as u16],
             Candidates::Segments { starts, columns, cells_per_side } => {
                 starts[y / cells_per_side * columns + x / cells_per_side]
             }
@@ -288,84 +288,60 @@ impl Paths<'_> {
     }
 }
 
-/// Candidates of a pixel beside an edge of depth.
-pub(crate) const LABELS: usize = 3;
-/// One number per candidate.
-pub(crate) type PerLabel = [f32; LABELS];
-
-/// Decides by the same paths which of its candidates, fractional indices, each of some pixels has: `pixels`
-/// in order, `labels` and `costs` of each. Of other pixels `index` is known. A step is one of 0.75 to 1.75
-/// indices, a smaller one is free.
-pub(crate) fn aggregate_labels(
-    pixels: &[usize],
-    labels: &[PerLabel],
-    costs: &[[u16; LABELS]],
-    photo: &Planes,
-    index: &mut [f32],
+/// Decides by the same paths which of its own candidates, fractional indices, each of some pixels has, which are
+/// given in order; candidates and costs are those of all pixels. Of other pixels `index` is known. A step is one
+/// of 0.75 to 1.75 indices, a smaller one is free.
+#[pulp::with_simd(aggregate_own = liveview::simd::arch())]
+#[inline(always)]
+pub(crate) fn aggregate_own_with<'a, S: pulp::Simd>(
+    _simd: S,
+    pixels: &'a [usize],
+    candidates: &'a [PerOwn],
+    costs: &'a [[u16; OWN]],
+    photo: &'a Planes,
+    index: &'a mut [f32],
 ) {
-    let width = photo.width;
-    let mut sums = vec![[0.0; LABELS]; pixels.len()];
+    const NONE: f32 = INFINITE as f32;
+    let (width, step) = (photo.width, (STEP_PENALTY * COST_SCALE).round());
     let mut slots = vec![u32::MAX; index.len()];
     pixels.iter().zip(0..).for_each(|(&at, slot)| slots[at] = slot);
-    let along = Labels { width, pixels, labels, costs, slots: &slots, index, photo };
+    let mut sums = vec![[0.0_f32; OWN]; pixels.len()];
+    let mut found = sums.clone();
     for path in 0..4 {
-        label_path(&along, path, &mut sums);
-    }
-    for ((&at, labels), sums) in pixels.iter().zip(labels).zip(sums) {
-        let best = (1..LABELS).fold(0, |best, k| if sums[k] < sums[best] { k } else { best });
-        index[at] = labels[best];
-    }
-}
-
-struct Labels<'a> {
-    width: usize,
-    pixels: &'a [usize],
-    labels: &'a [PerLabel],
-    costs: &'a [[u16; LABELS]],
-    slots: &'a [u32],
-    index: &'a [f32],
-    photo: &'a Planes,
-}
-
-/// Adds L of a path (right, left, down, up) to the sums.
-#[pulp::with_simd(label_path = liveview::simd::arch())]
-#[inline(always)]
-fn label_path_with<'a, S: pulp::Simd>(_simd: S, along: &'a Labels<'a>, path: usize, sums: &'a mut [PerLabel]) {
-    const NONE: f32 = INFINITE as f32;
-    let Labels { width, pixels, labels, costs, slots, index, photo } = *along;
-    let (step, height) = ((STEP_PENALTY * COST_SCALE).round(), index.len() / width);
-    let mut found = vec![[0.0_f32; LABELS]; pixels.len()];
-    for turn in 0..pixels.len() {
-        let slot = if path % 2 == 0 { turn } else { pixels.len() - 1 - turn };
-        let at = pixels[slot];
-        let (x, y) = (at % width, at / width);
-        let before = match path {
-            0 => (x > 0).then(|| at - 1),
-            1 => (x + 1 < width).then_some(at + 1),
-            2 => (y > 0).then(|| at - width),
-            _ => (y + 1 < height).then_some(at + width),
-        };
-        let mut next = costs[slot].map(f32::from);
-        if let Some(before) = before {
-            let known = slots[before] == u32::MAX;
-            let other = if known { 0 } else { slots[before] as usize };
-            let from = if known { [index[before]; LABELS] } else { labels[other] };
-            let last = if known { [0.0, NONE, NONE] } else { found[other] };
-            let least = last.iter().fold(NONE, |least, &cost| if cost < least { cost } else { least });
-            let jump = jump_penalty(photo.difference(at, before));
-            for k in 0..LABELS {
-                let mut best = least + jump;
-                for j in 0..LABELS {
-                    let apart = (labels[slot][k] - from[j]).abs();
-                    let penalty = if apart < 1.75 { step } else { NONE };
-                    let cost = last[j] + if apart < 0.75 { 0.0 } else { penalty };
-                    best = if cost < best { cost } else { best };
+        for turn in 0..pixels.len() {
+            let slot = if path % 2 == 0 { turn } else { pixels.len() - 1 - turn };
+            let at = pixels[slot];
+            let before = match path {
+                0 => (!at.is_multiple_of(width)).then(|| at - 1),
+                1 => (at % width + 1 < width).then_some(at + 1),
+                2 => at.checked_sub(width),
+                _ => Some(at + width).filter(|&before| before < index.len()),
+            };
+            let mut next = costs[at].map(f32::from);
+            if let Some(before) = before {
+                let (from, last) = match slots[before] {
+                    u32::MAX => ([index[before]; OWN], [0.0, NONE, NONE]),
+                    slot => (candidates[before], found[slot as usize]),
+                };
+                let least = last.iter().fold(NONE, |least, &cost| if cost < least { cost } else { least });
+                let jump = jump_penalty(photo.difference(at, before));
+                for k in 0..OWN {
+                    let mut best = least + jump;
+                    for j in 0..OWN {
+                        let apart = (candidates[at][k] - from[j]).abs();
+                        let penalty = if apart < 1.75 { step } else { NONE };
+                        let cost = last[j] + if apart < 0.75 { 0.0 } else { penalty };
+                        best = if cost < best { cost } else { best };
+                    }
+                    next[k] += best - least;
                 }
-                next[k] += best - least;
             }
+            (0..OWN).for_each(|k| sums[slot][k] += next[k]);
+            found[slot] = next;
         }
-        (0..LABELS).for_each(|k| sums[slot][k] += next[k]);
-        found[slot] = next;
+    }
+    for (&at, sums) in pixels.iter().zip(sums) {
+        index[at] = candidates[at][(1..OWN).fold(0, |best, k| if sums[k] < sums[best] { k } else { best })];
     }
 }
 

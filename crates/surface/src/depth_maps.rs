@@ -99,7 +99,7 @@ impl DepthMaps {
     pub fn update(&mut self, depths: impl Iterator<Item = (usize, PhotoDisparity)>, new: bool) {
         depths.for_each(|(index, depth)| self.insert(index, depth));
         (self.follows, self.steps) = (true, self.steps + 1);
-        self.correction = self.correction.take().filter(|_| !new && self.steps % CORRECTION_STEPS != 0);
+        self.correction = self.correction.take().filter(|_| !new && !self.steps.is_multiple_of(CORRECTION_STEPS));
     }
 
     /// What compares a new depth of photo `index` with those of a set that are known.

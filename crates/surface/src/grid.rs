@@ -70,7 +70,14 @@ pub(crate) enum Candidates<'a> {
         /// Each entry applies to this many cells across and down.
         cells_per_side: usize,
     },
+    /// A few of its own at each cell, fractional indices.
+    Own(&'a [PerOwn]),
 }
+
+/// Number of its own candidates that a cell has.
+pub(crate) const OWN: usize = 3;
+/// One number per candidate of a cell.
+pub(crate) type PerOwn = [f32; OWN];
 
 impl Candidates<'_> {
     /// Takes the place of the start of a second segment where there is only one.
@@ -81,6 +88,7 @@ impl Candidates<'_> {
         match self {
             Self::All => grid.count.next_multiple_of(2 * SEGMENT),
             Self::Segments { .. } => 2 * SEGMENT,
+            Self::Own(_) => OWN,
         }
     }
 
@@ -88,7 +96,7 @@ impl Candidates<'_> {
     #[inline(always)]
     pub(crate) fn index(&self, (y, x): (usize, usize), k: usize) -> usize {
         match self {
-            Self::All => k,
+            Self::All | Self::Own(_) => k,
             Self::Segments { starts, columns, cells_per_side } => {
                 let starts = starts[y / cells_per_side * columns + x / cells_per_side];
                 usize::from(starts[k / SEGMENT]) + k % SEGMENT

@@ -22,7 +22,6 @@ use glam::{DVec2, DVec3};
 use ndarray::Array3;
 use rayon::prelude::*;
 
-use crate::aggregate::{LABELS, PerLabel};
 use crate::grid::{Candidates, Grid, Planes, SEGMENT};
 use liveview::geometry::PlaneSweep;
 use liveview::warp::{NO_GAINS, RUN, RunCoverage, SamplePositions, WarpSource, round_to_i32, sample};
@@ -50,18 +49,7 @@ pub(crate) fn costs(
 ) -> Vec<u16> {
     let count = candidates.count(grid);
     let mut volume = vec![0; reference.height * reference.width * count];
-    let search = Search { reference, sources, grid, candidates, ranges, count };
-    let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
-    let columns: Vec<usize> = (0..reference.width).step_by(TILE_COLUMNS).collect();
-    bands.for_each_init(
-        || Box::new(Tile::NEW),
-        |tile, (index, out)| {
-            if ranges.is_some() {
-                out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
-            }
-            search_band(&search, index * BAND_ROWS, &columns, None, tile, out);
-        },
-    );
+    Search { reference, sources, grid, candidates, ranges, count }.fill(None, &mut volume);
     volume
 }
 
@@ -74,106 +62,29 @@ pub(crate) fn costs_in(
     candidates: Candidates<'_>,
     volume: &mut Vec<u16>,
 ) {
-    let (count, width) = (candidates.count(grid), reference.width);
-    volume.resize(reference.height * width * count, 0);
-    let search = Search { reference, sources, grid, candidates, ranges: None, count };
-    let bands = volume.par_chunks_mut(MASK_ROWS * width * count).zip(mask.par_chunks(MASK_ROWS * width)).enumerate();
-    bands.for_each_init(
-        || Box::new(Tile::NEW),
-        |tile, (index, (out, mask))| {
-            let columns = tile_columns(mask, width);
-            if !columns.is_empty() {
-                search_band(&search, index * MASK_ROWS, &columns, Some(mask), tile, out);
-            }
-        },
-    );
-}
-
-/// As [`costs_in`], of a few candidates of each pixel, fractional indices; `labels` and the costs are of all
-/// pixels.
-pub(crate) fn label_costs(
-    mask: &[bool],
-    labels: &[PerLabel],
-    reference: &Planes,
-    sources: &[WarpSource<'_>],
-    grid: &Grid,
-    volume: &mut Vec<[u16; LABELS]>,
-) {
-    let width = reference.width;
-    volume.resize(reference.height * width, [0; LABELS]);
-    let search = Search { reference, sources, grid, candidates: Candidates::All, ranges: None, count: LABELS };
-    let bands = volume.par_chunks_mut(MASK_ROWS * width).zip(mask.par_chunks(MASK_ROWS * width)).enumerate();
-    bands.for_each_init(
-        || Box::new(Tile::NEW),
-        |tile, (index, (out, mask))| {
-            let columns = tile_columns(mask, width);
-            if !columns.is_empty() {
-                label_band(&search, index * MASK_ROWS, (mask, &columns), labels, tile, out);
-            }
-        },
-    );
+    let count = candidates.count(grid);
+    volume.resize(mask.len() * count, 0);
+    Search { reference, sources, grid, candidates, ranges: None, count }.fill(Some(mask), volume);
 }
 
 /// The rows of a band from the first to the last that has a cell of the mask in a tile, where `counts` says so.
 fn masked_rows(mask: &[bool], width: usize, left: usize, counts: impl Fn(usize, usize) -> bool) -> Range<usize> {
     let columns = left..(left + TILE_COLUMNS).min(width);
-    let mut rows = mask.chunks_exact(width).enumerate().filter(|(y, row)| {
-        let mut wanted = columns.clone().filter(|&x| row[x]);
-        wanted.any(|x| counts(*y, x))
-    });
-    let first = rows.next().map_or(0, |(y, _)| y);
-    let end = rows.next_back().map_or(first, |(y, _)| y) + 1;
-    let any = mask[first * width..][columns.clone()].iter().zip(columns).any(|(&wanted, x)| wanted && counts(first, x));
-    if any { first..end } else { 0..0 }
+    let wanted = |y: &usize| columns.clone().any(|x| mask[y * width + x] && counts(*y, x));
+    let mut rows = (0..mask.len() / width).filter(wanted);
+    let Some(first) = rows.next() else { return 0..0 };
+    first..rows.next_back().unwrap_or(first) + 1
 }
 
 /// First columns of tiles that hold the cells of a mask.
 fn tile_columns(mask: &[bool], width: usize) -> Vec<usize> {
-    let (mut columns, mut x) = (Vec::new(), 0);
-    while x < width {
-        let wanted = mask[x..].iter().step_by(width).any(|&wanted| wanted);
-        if wanted {
+    let mut columns: Vec<usize> = Vec::new();
+    for x in (0..width).filter(|&x| mask[x..].iter().step_by(width).any(|&wanted| wanted)) {
+        if columns.last().is_none_or(|last| x >= last + TILE_COLUMNS) {
             columns.push(x);
         }
-        x += if wanted { TILE_COLUMNS } else { 1 };
     }
     columns
-}
-
-#[pulp::with_simd(label_band = pulp::Arch::new())]
-#[inline(always)]
-fn label_band_with<'a, S: pulp::Simd>(
-    simd: S,
-    search: &'a Search<'a>,
-    first: usize,
-    (mask, columns): (&'a [bool], &'a [usize]),
-    labels: &'a [PerLabel],
-    tile: &'a mut Tile,
-    out: &'a mut [[u16; LABELS]],
-) {
-    let Planes { width, height, .. } = *search.reference;
-    for &left in columns {
-        let rows = masked_rows(mask, width, left, |_, _| true);
-        (tile.first, tile.rows) = (first + rows.start, rows.len());
-        tile.column = left;
-        tile.inside = first + rows.end < height && left + RUN <= width;
-        for k in 0..LABELS {
-            let mut range = [f32::MAX, f32::MIN];
-            for y in tile.sampled_rows(height) {
-                for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
-                    *index = labels[y * width + (left + i).min(width - 1)][k];
-                    range = [range[0].min(*index), range[1].max(*index)];
-                }
-            }
-            tile.index_range = range;
-            search.candidate(simd, 0.0, k, tile);
-        }
-        for row in rows.clone() {
-            let cells = out[row * width + left..(row + 1) * width].iter_mut().enumerate();
-            let costs = |k: usize, i: usize| tile.costs[k][row - rows.start][i];
-            cells.take(TILE_COLUMNS).for_each(|(i, cell)| *cell = std::array::from_fn(|k| costs(k, i)));
-        }
-    }
 }
 
 struct Search<'a> {
@@ -208,8 +119,8 @@ fn search_band_with<'a, S: pulp::Simd>(
             tile.inside = first + rows.end < height && left + RUN <= width;
             if !rows.is_empty() && search.begin_segment(segment, tile) {
                 // A closure would be compiled without the vector instructions.
-                for k in 0..SEGMENT {
-                    search.candidate(simd, k as f32, k, tile);
+                for k in 0..search.planes() {
+                    search.candidate(simd, k, tile);
                 }
                 search.store(segment, tile, &mut out[rows.start * width * search.count..]);
             }
@@ -223,10 +134,34 @@ fn lower(a: f32, b: f32) -> f32 {
 }
 
 impl Search<'_> {
+    /// Computes the costs of all cells, or of those of a mask.
+    fn fill(&self, mask: Option<&[bool]>, volume: &mut [u16]) {
+        let width = self.reference.width;
+        let rows = if mask.is_some() { MASK_ROWS } else { BAND_ROWS };
+        let bands = volume.par_chunks_mut(rows * width * self.count).enumerate();
+        bands.for_each_init(
+            || Box::new(Tile::NEW),
+            |tile, (index, out)| {
+                if self.ranges.is_some() {
+                    out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
+                }
+                let mask = mask.map(|mask| &mask[index * rows * width..][..out.len() / self.count]);
+                let all = || (0..width).step_by(TILE_COLUMNS).collect();
+                let columns: Vec<usize> = mask.map_or_else(all, |mask| tile_columns(mask, width));
+                search_band(self, index * rows, &columns, mask, tile, out);
+            },
+        );
+    }
+
+    /// Planes that are searched at together: a segment, or one of the candidates of each cell.
+    fn planes(&self) -> usize {
+        if matches!(self.candidates, Candidates::Own(_)) { 1 } else { SEGMENT }
+    }
+
     /// The segments that a tile is searched at.
     fn segments(&self, row: usize, column: usize) -> std::ops::Range<usize> {
         let plane = |end: usize| self.ranges.map(|ranges| usize::from(ranges[(row, column, end)]));
-        plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / SEGMENT
+        plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / self.planes()
     }
 
     /// Whether a cell is searched at a segment.
@@ -239,6 +174,17 @@ impl Search<'_> {
     /// has that segment.
     #[inline(always)]
     fn begin_segment(&self, segment: usize, tile: &mut Tile) -> bool {
+        if let Candidates::Own(candidates) = self.candidates {
+            tile.index_range = [f32::MAX, f32::MIN];
+            for y in tile.sampled_rows(self.reference.height) {
+                for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
+                    let x = (tile.column + i).min(self.reference.width - 1);
+                    *index = candidates[y * self.reference.width + x][segment];
+                    tile.index_range = [tile.index_range[0].min(*index), tile.index_range[1].max(*index)];
+                }
+            }
+            return true;
+        }
         let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else {
             let first = (segment * SEGMENT) as f32;
             (tile.index, tile.index_range) = ([[first; RUN]; TILE_ROWS], [first; 2]);
@@ -261,17 +207,17 @@ impl Search<'_> {
 
     /// Computes the costs of the segment's `k`-th candidate, into `tile.costs`.
     #[inline(always)]
-    fn candidate<S: pulp::Simd>(&self, simd: S, offset: f32, k: usize, tile: &mut Tile) {
+    fn candidate<S: pulp::Simd>(&self, simd: S, k: usize, tile: &mut Tile) {
         let averaged = self.sources.len().min(BEST_NEIGHBOURS);
         let Planes { width, height, .. } = *self.reference;
         let (columns, rows) = (tile.column..(tile.column + RUN).min(width), tile.sampled_rows(height));
-        let disparities = tile.index_range.map(|index| self.grid.disparity(index + offset));
+        let disparities = tile.index_range.map(|index| self.grid.disparity(index + k as f32));
         for (index, source) in self.sources.iter().enumerate() {
             if is_unseen(source, &columns, &rows, disparities) {
                 keep_unseen(averaged, index == 0, tile);
                 continue;
             }
-            let all_seen = self.differences(simd, source, offset, tile);
+            let all_seen = self.differences(simd, source, k as f32, tile);
             if all_seen && tile.inside {
                 keep_lowest::<true>(averaged, index == 0, tile);
             } else {
@@ -351,7 +297,8 @@ impl Search<'_> {
             let cells = out[(row * width + tile.column) * count..].chunks_exact_mut(count);
             for (i, cell) in cells.enumerate().take(TILE_COLUMNS.min(width - tile.column)) {
                 let costs: [u16; SEGMENT] = std::array::from_fn(|k| costs[k][i]);
-                cell[segment * SEGMENT..(segment + 1) * SEGMENT].copy_from_slice(&costs);
+                let planes = self.planes();
+                cell[segment * planes..(segment + 1) * planes].copy_from_slice(&costs[..planes]);
             }
         }
     }

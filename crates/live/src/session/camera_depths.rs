@@ -12,7 +12,7 @@ use liveview::geometry::{Camera, facing_alike};
 use liveview::image::ImageRgb;
 use liveview::warp::{SourceView, Texture};
 use liveview_surface::{
-    DepthMaps, EXTRA_PHOTOS, FollowedDepth, NEIGHBOURS, PhotoDisparity, Reuse, SmallerPhotos, StepPhoto, photo_depth,
+    DepthMaps, EXTRA_PHOTOS, FollowedDepth, NEIGHBOURS, PhotoDisparity, Reuse, StepPhoto, photo_depth,
 };
 use liveview_synthesizer::PhotosWithDepth;
 use rayon::prelude::*;
@@ -106,7 +106,7 @@ pub(super) struct Step<'a> {
     pub(super) cameras: &'a [Camera],
     photos: &'a [Option<&'a ImageRgb>],
     textures: Vec<OnceLock<Texture>>,
-    smaller: Vec<OnceLock<SmallerPhotos>>,
+    smaller: Vec<OnceLock<[Texture; 2]>>,
 }
 
 impl<'a> Step<'a> {
@@ -133,9 +133,13 @@ impl<'a> Step<'a> {
         SourceView { camera: &self.cameras[view], texture: self.textures[view].get_or_init(texture) }
     }
 
-    /// Its photo at smaller sizes.
-    fn smaller(&self, view: usize) -> &SmallerPhotos {
-        self.smaller[view].get_or_init(|| SmallerPhotos::new(self.source(view).texture))
+    /// Its photo at half and at a quarter of its size.
+    fn smaller(&self, view: usize) -> &[Texture; 2] {
+        self.smaller[view].get_or_init(|| {
+            let half = self.source(view).texture.shrunk(2);
+            let quarter = half.shrunk(2);
+            [half, quarter]
+        })
     }
 
     fn photo(&self, view: usize) -> StepPhoto<'_> {

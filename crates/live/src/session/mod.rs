@@ -247,9 +247,8 @@ impl LiveSession {
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
             searches_holes: true,
         };
-        let follows = self.settings.policy == Policy::Propagate;
         let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
-            Ok(self.depths.photos(&step, target, views.len(), reuse, follows))
+            Ok(self.depths.photos(&step, target, views.len(), reuse, self.settings.policy == Policy::Propagate))
         })?;
         self.age = if matches!(plan.source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
