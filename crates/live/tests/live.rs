@@ -249,9 +249,6 @@ fn unchanged_scene_is_searched_once_for_a_moving_target() {
         assert_eq!(share(&frame), if step == 0 { 1.0 } else { 0.0 });
         let anew = show(&mut surface_session(Policy::Propagate), BOARD, &target);
         assert_eq!(frame.frame.raw().data(), anew.frame.raw().data(), "step {step}");
-        let searched = show(&mut surface_session(Policy::Every(1)), BOARD, &target);
-        let [own, best] = [frame, searched].map(|frame| score(&frame, BOARD, &target));
-        assert!(own > best - 2.0, "step {step}: {own:.2} dB, {best:.2} dB by the finer search");
     }
 }
 
