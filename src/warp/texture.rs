@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use crate::geometry::Size;
 use crate::image::ImageRgb;
 
 /// A view's photo as the warp samples it: RGB and a fourth channel of ones (whose sample is the
@@ -28,28 +27,28 @@ const SMALLEST_VALUE: f32 = 1.0 / (1_u128 << 64) as f32;
 impl Texture {
     /// Copies the photo; values below 2⁻⁶⁴ (absolute) become 0.
     pub fn new(photo: &ImageRgb) -> Self {
-        let mut texture = Self::blank(photo.width(), photo.height());
+        let (width, height) = (photo.width(), photo.height());
         let (pixels, _) = photo.data().as_chunks::<3>();
-        for (row, pixels) in texture.rows_mut().zip(pixels.chunks_exact(photo.width())) {
-            for (texel, rgb) in row.iter_mut().zip(pixels) {
+        let stride = width + BORDER.0 + BORDER.1;
+        // Row by row: zeroing all of it first would take as long again.
+        let mut texels = Vec::with_capacity(stride * (height + BORDER.0 + BORDER.1));
+        texels.resize(BORDER.0 * stride, [0.0; 4]);
+        for row in pixels.chunks_exact(width) {
+            texels.extend_from_slice(&[[0.0; 4]; BORDER.0]);
+            texels.extend(row.iter().map(|rgb| {
                 let [r, g, b] = rgb.map(|value| if value.abs() < SMALLEST_VALUE { 0.0 } else { value });
-                *texel = [r, g, b, 1.0];
-            }
+                [r, g, b, 1.0]
+            }));
+            texels.extend_from_slice(&[[0.0; 4]; BORDER.1]);
         }
-        texture
+        texels.resize(texels.len() + BORDER.1 * stride, [0.0; 4]);
+        Self { texels, width, height, id: new_id() }
     }
 
     /// All texels 0, for a photo of that size.
     fn blank(width: usize, height: usize) -> Self {
         let texels = vec![[0.0; 4]; (width + BORDER.0 + BORDER.1) * (height + BORDER.0 + BORDER.1)];
         Self { texels, width, height, id: new_id() }
-    }
-
-    /// The texels of each row of the photo, without the border.
-    fn rows_mut(&mut self) -> impl Iterator<Item = &mut [[f32; 4]]> {
-        let (stride, width) = (self.stride() as usize, self.width);
-        let rows = self.texels.chunks_exact_mut(stride).skip(BORDER.0).take(self.height);
-        rows.map(move |row| &mut row[BORDER.0..BORDER.0 + width])
     }
 
     /// Identifies the photo: textures of one id have the same content.
@@ -121,17 +120,6 @@ impl Texture {
             out[BORDER.0 + width..].fill([0.0; 4]);
             sharpen_row(rows, amount, out[BORDER.0..BORDER.0 + width].as_flattened_mut());
         });
-    }
-
-    /// The part of the photo that begins in column `left`, row `top`.
-    pub fn window(&self, (left, top): (usize, usize), size: Size) -> Self {
-        let stride = self.stride() as usize;
-        let mut part = Self::blank(size.width, size.height);
-        for (y, row) in part.rows_mut().enumerate() {
-            let at = (top + y + BORDER.0) * stride + left + BORDER.0;
-            row.copy_from_slice(&self.texels[at..at + size.width]);
-        }
-        part
     }
 
     /// Texels from one row to the next.

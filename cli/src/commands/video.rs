@@ -12,7 +12,7 @@ use liveview_live::rig::Rig;
 use liveview_live::session::Policy;
 use liveview_live::video::{FRAME_PREFIX, Progress, Sink, Video, VideoSettings, Viewpoint, frame_file};
 use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews};
+use liveview_synthesizer::{LayerSpec, SceneViews, ViewAgreement};
 use serde_json::Value;
 
 use crate::args::numbers::frame_rate;
@@ -131,8 +131,12 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let sink = Sink::new(&args.output, fps, print_note)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
-    let (rig, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
+    let (mut rig, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
     let policy = policy(args.policy, &rig.layers)?;
+    if args.layers.given().is_none() && policy == Policy::Propagate && rig.layers == ViewAgreement::LAYERS {
+        // Along depth that follows, one layer shows more than three (docs/design-log/video.md).
+        rig.layers = LayerSpec::Surface(1);
+    }
     let views = rig.renderers.last().map_or(0, |renderer| renderer.network().views());
     let free = rig.rig.feeds.len() - usize::from(viewpoint.truth.is_some());
     if free < views {

@@ -16,7 +16,7 @@ const MAX_FITTING_FRAMES: usize = 30 * 32;
 /// Share of the budget that a frame of a higher level must be expected to fit into.
 const RAISE_SHARE: f64 = 0.8;
 /// Work of surface layers to find where photos change, in layers of the full size.
-const DEPTH_WORK: f64 = 6.0;
+const DEPTH_WORK: f64 = 4.0;
 
 /// How a frame is rendered: a level of work.
 #[derive(Debug, Clone, PartialEq)]
@@ -184,9 +184,9 @@ mod tests {
         assert_eq!(ladder(1, true), [&["surface:1 1"], &below[..]].concat());
         assert_eq!(ladder(1, false), [&["surface:1 1"], &below[1..]].concat());
         let mut governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(1), true);
-        let levels = levels_after(&mut governor, 3, 60);
-        assert_eq!(pairs(&levels), [(2, 1.0)], "work 7 and 3: of 60 ms 26");
-        assert_eq!(levels_after(&mut governor, 100, 12), [], "surface layers would take 28 ms");
+        let levels = levels_after(&mut governor, 3, 50);
+        assert_eq!(pairs(&levels), [(2, 1.0)], "work 5 and 3: of 50 ms 30");
+        assert_eq!(levels_after(&mut governor, 100, 17), [], "surface layers would take 28 ms");
         let back = levels_after(&mut governor, 100, 10);
         assert_eq!(back[0].layers, LayerSpec::Surface(1));
     }

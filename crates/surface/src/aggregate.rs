@@ -15,7 +15,7 @@
 
 use rayon::prelude::*;
 
-use crate::grid::{Candidates, Grid, Planes, SEGMENT};
+use crate::grid::{Candidates, Grid, OWN, PerOwn, Planes, SEGMENT};
 use crate::photo_sweep::COST_SCALE;
 
 /// Columns that one task processes down and up.
@@ -26,10 +26,26 @@ type BlockRow<'a> = (&'a mut [u16], &'a mut [f32]);
 
 /// The index found at each cell, `[h, w]`, a fraction between two of the grid.
 pub(crate) fn aggregate(costs: &[u16], photo: &Planes, grid: &Grid, candidates: Candidates<'_>) -> Vec<f32> {
+    aggregate_in(None, costs, photo, grid, candidates, &mut Vec::new())
+}
+
+/// The cells that are searched, and the index of the others, from which paths enter them: where that is k,
+/// L' is 0 at k and infinite elsewhere.
+pub(crate) type Known<'a> = (&'a [bool], &'a [f32]);
+
+/// As [`aggregate`], of a part of the cells; 0 elsewhere. `sums` is a buffer.
+pub(crate) fn aggregate_in(
+    known: Option<Known<'_>>,
+    costs: &[u16],
+    photo: &Planes,
+    grid: &Grid,
+    candidates: Candidates<'_>,
+    sums: &mut Vec<u16>,
+) -> Vec<f32> {
     let (width, count) = (photo.width, candidates.count(grid));
     let penalties = Penalties::new(photo);
-    let paths = Paths { costs, penalties: &penalties, candidates, grid, width, count };
-    let mut sums = vec![0; costs.len()];
+    let paths = Paths { costs, penalties: &penalties, candidates, grid, width, count, known };
+    sums.resize(costs.len(), 0);
     let rows = sums.par_chunks_mut(width * count).enumerate();
     rows.for_each_init(|| PathEnds::new(&paths, 1), |ends, (y, sums)| across(&paths, y, ends, sums));
     let mut found = vec![0.0; width * photo.height];
@@ -55,13 +71,20 @@ fn across_with<'a, S: pulp::Simd>(
     ends: &'a mut PathEnds,
     sums: &'a mut [u16],
 ) {
-    sums.fill(0);
     let jumps = &paths.penalties.jump_across[y * paths.width..];
     for x in 0..paths.width {
+        if paths.skips((y, x)) {
+            continue;
+        }
         let from = (x > 0).then(|| ((y, x - 1), jumps[x]));
-        paths.advance(0, from, (y, x), ends, &mut sums[x * paths.count..(x + 1) * paths.count]);
+        let sums = &mut sums[x * paths.count..(x + 1) * paths.count];
+        sums.fill(0);
+        paths.advance(0, from, (y, x), ends, sums);
     }
     for x in (0..paths.width).rev() {
+        if paths.skips((y, x)) {
+            continue;
+        }
         let from = (x + 1 < paths.width).then(|| ((y, x + 1), jumps[x + 1]));
         paths.advance(0, from, (y, x), ends, &mut sums[x * paths.count..(x + 1) * paths.count]);
     }
@@ -83,6 +106,9 @@ fn down_and_up_with<'a, S: pulp::Simd>(
     for (y, (row, _)) in block.iter_mut().enumerate() {
         for i in 0..columns {
             let x = first + i;
+            if paths.skips((y, x)) {
+                continue;
+            }
             let from = (y > 0).then(|| ((y - 1, x), jumps[y * paths.width + x]));
             paths.advance(i, from, (y, x), ends, &mut row[i * count..(i + 1) * count]);
         }
@@ -90,6 +116,9 @@ fn down_and_up_with<'a, S: pulp::Simd>(
     for (y, (row, found)) in block.iter_mut().enumerate().rev() {
         for i in 0..columns {
             let x = first + i;
+            if paths.skips((y, x)) {
+                continue;
+            }
             let from = (y + 1 < height).then(|| ((y + 1, x), jumps[(y + 1) * paths.width + x]));
             let sums = &mut row[i * count..(i + 1) * count];
             paths.advance(i, from, (y, x), ends, sums);
@@ -102,7 +131,7 @@ fn down_and_up_with<'a, S: pulp::Simd>(
 #[inline(always)]
 fn best_index(paths: &Paths<'_>, cell: (usize, usize), sums: &[u16]) -> f32 {
     let end = match paths.candidates {
-        Candidates::All => paths.grid.count,
+        Candidates::All | Candidates::Own(_) => paths.grid.count,
         // The cell has no second segment.
         Candidates::Segments { .. } if sums[SEGMENT] == u16::MAX => SEGMENT,
         Candidates::Segments { .. } => sums.len(),
@@ -132,11 +161,16 @@ struct Paths<'a> {
     pub(crate) width: usize,
     /// Candidates per cell.
     pub(crate) count: usize,
+    /// If only a part of the cells is searched.
+    known: Option<Known<'a>>,
 }
+
+/// Infinite values on each side of a path's L.
+const MARGIN: usize = 2 * SEGMENT;
 
 /// L of the last cell of several parallel paths.
 struct PathEnds {
-    /// L of each path's last cell, between two infinite values.
+    /// L of each path's last cell, between infinite values.
     previous: Vec<u16>,
     next: Vec<u16>,
     /// The minimum of each path's L.
@@ -148,11 +182,11 @@ struct PathEnds {
 impl PathEnds {
     /// Of that many parallel paths.
     pub(crate) fn new(paths: &Paths<'_>, number: usize) -> Self {
-        let padded = paths.count + 2;
+        let padded = paths.count + 2 * MARGIN;
         let indices = if let Candidates::All = paths.candidates { 0 } else { paths.grid.count + 2 * SEGMENT + 2 };
         Self {
             previous: vec![INFINITE; number * padded],
-            next: vec![INFINITE; padded],
+            next: vec![INFINITE; paths.count],
             minimum: vec![0; number],
             by_index: vec![INFINITE; indices],
         }
@@ -160,6 +194,12 @@ impl PathEnds {
 }
 
 impl Paths<'_> {
+    /// Whether a cell is not searched.
+    #[inline(always)]
+    fn skips(&self, (y, x): (usize, usize)) -> bool {
+        self.known.is_some_and(|(searched, _)| !searched[y * self.width + x])
+    }
+
     /// Advances path number `path` to `cell` from the previous cell, with the penalty of a jump
     /// between them (`None`: the path begins here), and adds L to the cell's sums.
     #[inline(always)]
@@ -173,10 +213,10 @@ impl Paths<'_> {
     ) {
         let count = self.count;
         let costs = &self.costs[(cell.0 * self.width + cell.1) * count..][..count];
-        let previous = &mut ends.previous[path * (count + 2)..][..count + 2];
+        let previous = &mut ends.previous[path * (count + 2 * MARGIN)..][..count + 2 * MARGIN];
         let starts_of = |(y, x): (usize, usize)| match self.candidates {
             // As two segments that adjoin: together they are all candidates.
-            Candidates::All => [0, SEGMENT as u16],
+            Candidates::All | Candidates::Own(_) => [0, SEGMENT as u16],
             Candidates::Segments { starts, columns, cells_per_side } => {
                 starts[y / cells_per_side * columns + x / cells_per_side]
             }
@@ -185,20 +225,42 @@ impl Paths<'_> {
         // Candidates that the cell has.
         let used = if new[1] == Candidates::NO_SEGMENT { SEGMENT } else { count };
         let Some((from, jump)) = from else {
-            previous[1..=used].copy_from_slice(&costs[..used]);
-            previous[used + 1..=count].fill(INFINITE);
+            previous[MARGIN..MARGIN + used].copy_from_slice(&costs[..used]);
+            previous[MARGIN + used..MARGIN + count].fill(INFINITE);
             sums[..used].iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
             sums[used..].fill(u16::MAX);
             ends.minimum[path] = minimum(&costs[..used]);
             return;
         };
+        if let Some((_, index)) = self.known.filter(|_| self.skips(from)) {
+            let index = index[from.0 * self.width + from.1];
+            for k in 0..used {
+                let apart = (self.candidates.index(cell, k) as f32 - index).abs();
+                let penalty = if apart < 0.75 {
+                    0
+                } else if apart < 1.75 {
+                    self.penalties.step
+                } else {
+                    jump
+                };
+                previous[MARGIN + k] = costs[k] + penalty;
+                sums[k] += previous[MARGIN + k];
+            }
+            previous[MARGIN + used..MARGIN + count].fill(INFINITE);
+            sums[used..].fill(u16::MAX);
+            ends.minimum[path] = minimum(&previous[MARGIN..MARGIN + used]);
+            return;
+        }
         let (best, step) = (ends.minimum[path], self.penalties.step);
         let jump = best + jump;
         let next = &mut ends.next;
         let old = starts_of(from);
-        if old == new && (used == SEGMENT || old[0] + SEGMENT as u16 == old[1]) {
-            let (previous, costs) = (&previous[..used + 2], &costs[..used]);
-            path_costs(previous, costs, (best, step, jump), &mut next[1..=used], &mut sums[..used]);
+        let joins = |[first, second]: [u16; 2]| second == Candidates::NO_SEGMENT || first + SEGMENT as u16 == second;
+        let shift = isize::from(new[0].cast_signed()) - isize::from(old[0].cast_signed());
+        if joins(old) && joins(new) && shift.unsigned_abs() < MARGIN {
+            let first = MARGIN.wrapping_add_signed(shift) - 1;
+            let (previous, costs) = (&previous[first..first + used + 2], &costs[..used]);
+            path_costs(previous, costs, (best, step, jump), &mut next[..used], &mut sums[..used]);
         } else {
             // Index d is at d + 1.
             let by_index = &mut ends.by_index;
@@ -207,22 +269,79 @@ impl Paths<'_> {
                 present.map(usize::from).enumerate()
             };
             for (segment, start) in segments(old) {
-                let values = &previous[1 + segment * SEGMENT..][..SEGMENT];
+                let values = &previous[MARGIN + segment * SEGMENT..][..SEGMENT];
                 by_index[start + 1..][..SEGMENT].copy_from_slice(values);
             }
             for (segment, start) in segments(new) {
                 let part = segment * SEGMENT..(segment + 1) * SEGMENT;
-                let (next, sums) = (&mut next[1..][part.clone()], &mut sums[part.clone()]);
+                let (next, sums) = (&mut next[part.clone()], &mut sums[part.clone()]);
                 path_costs(&by_index[start..start + SEGMENT + 2], &costs[part], (best, step, jump), next, sums);
             }
             for (_, start) in segments(old) {
                 by_index[start + 1..][..SEGMENT].fill(INFINITE);
             }
         }
-        next[used + 1..=count].fill(INFINITE);
+        next[used..].fill(INFINITE);
         sums[used..].fill(u16::MAX);
-        previous[1..=count].copy_from_slice(&next[1..=count]);
-        ends.minimum[path] = minimum(&previous[1..=count]);
+        previous[MARGIN..MARGIN + count].copy_from_slice(next);
+        ends.minimum[path] = minimum(next);
+    }
+}
+
+/// Decides by the same paths which of its own candidates, fractional indices, each of some pixels has, which are
+/// given in order; candidates and costs are those of all pixels. Of other pixels `index` is known. A step is one
+/// of 0.75 to 1.75 indices, a smaller one is free.
+#[pulp::with_simd(aggregate_own = liveview::simd::arch())]
+#[inline(always)]
+pub(crate) fn aggregate_own_with<'a, S: pulp::Simd>(
+    _simd: S,
+    pixels: &'a [usize],
+    candidates: &'a [PerOwn],
+    costs: &'a [[u16; OWN]],
+    photo: &'a Planes,
+    index: &'a mut [f32],
+) {
+    const NONE: f32 = INFINITE as f32;
+    let (width, step) = (photo.width, (STEP_PENALTY * COST_SCALE).round());
+    let mut slots = vec![u32::MAX; index.len()];
+    pixels.iter().zip(0..).for_each(|(&at, slot)| slots[at] = slot);
+    let mut sums = vec![[0.0_f32; OWN]; pixels.len()];
+    let mut found = sums.clone();
+    for path in 0..4 {
+        for turn in 0..pixels.len() {
+            let slot = if path % 2 == 0 { turn } else { pixels.len() - 1 - turn };
+            let at = pixels[slot];
+            let before = match path {
+                0 => (!at.is_multiple_of(width)).then(|| at - 1),
+                1 => (at % width + 1 < width).then_some(at + 1),
+                2 => at.checked_sub(width),
+                _ => Some(at + width).filter(|&before| before < index.len()),
+            };
+            let mut next = costs[at].map(f32::from);
+            if let Some(before) = before {
+                let (from, last) = match slots[before] {
+                    u32::MAX => ([index[before]; OWN], [0.0, NONE, NONE]),
+                    slot => (candidates[before], found[slot as usize]),
+                };
+                let least = last.iter().fold(NONE, |least, &cost| if cost < least { cost } else { least });
+                let jump = jump_penalty(photo.difference(at, before));
+                for k in 0..OWN {
+                    let mut best = least + jump;
+                    for j in 0..OWN {
+                        let apart = (candidates[at][k] - from[j]).abs();
+                        let penalty = if apart < 1.75 { step } else { NONE };
+                        let cost = last[j] + if apart < 0.75 { 0.0 } else { penalty };
+                        best = if cost < best { cost } else { best };
+                    }
+                    next[k] += best - least;
+                }
+            }
+            (0..OWN).for_each(|k| sums[slot][k] += next[k]);
+            found[slot] = next;
+        }
+    }
+    for (&at, sums) in pixels.iter().zip(sums) {
+        index[at] = candidates[at][(1..OWN).fold(0, |best, k| if sums[k] < sums[best] { k } else { best })];
     }
 }
 
@@ -276,10 +395,7 @@ impl Penalties {
     pub(crate) fn new(photo: &Planes) -> Self {
         let (width, height) = (photo.width, photo.height);
         let step = (STEP_PENALTY * COST_SCALE).round();
-        let jump = |difference: f32| {
-            let jump = JUMP_PENALTY / (1.0 + difference / 3.0 / EDGE_CONTRAST);
-            (jump.max(1.01 * STEP_PENALTY) * COST_SCALE).round() as u16
-        };
+        let jump = |difference: f32| jump_penalty(difference) as u16;
         let (mut across, mut down) = (vec![0; width * height], vec![0; width * height]);
         let rows = across.par_chunks_mut(width).zip(down.par_chunks_mut(width)).enumerate();
         rows.for_each(|(y, (across, down))| {
@@ -294,4 +410,12 @@ impl Penalties {
         });
         Self { step: step as u16, jump_across: across, jump_down: down }
     }
+}
+
+/// P2 by the difference of colour, summed over the channels; a whole number.
+#[inline(always)]
+fn jump_penalty(difference: f32) -> f32 {
+    let jump = JUMP_PENALTY / (1.0 + difference / 3.0 / EDGE_CONTRAST);
+    // Rounded, halves away from 0: the sum is exact.
+    (jump.max(1.01 * STEP_PENALTY) * COST_SCALE + 0.5).floor()
 }

@@ -225,34 +225,30 @@ const MARGIN: usize = TILE;
 
 /// A rectangle of cells: first column and row, and those after the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Region {
-    /// First column.
-    pub left: usize,
-    /// First row.
-    pub top: usize,
-    /// The column after the last.
-    pub right: usize,
-    /// The row after the last.
-    pub bottom: usize,
+struct Region {
+    left: usize,
+    top: usize,
+    right: usize,
+    bottom: usize,
 }
 
 impl Region {
-    pub(crate) fn width(&self) -> usize {
+    fn width(&self) -> usize {
         self.right - self.left
     }
 
-    pub(crate) fn height(&self) -> usize {
+    fn height(&self) -> usize {
         self.bottom - self.top
     }
 
     /// Number of its cells.
-    pub fn area(&self) -> usize {
+    fn area(&self) -> usize {
         self.width() * self.height()
     }
 
     /// The rectangle with its margin on each side, cut at the edges of a map of `(height, width)`
     /// cells.
-    pub fn expanded(&self, (height, width): (usize, usize)) -> Self {
+    fn expanded(&self, (height, width): (usize, usize)) -> Self {
         Self {
             left: self.left.saturating_sub(MARGIN),
             top: self.top.saturating_sub(MARGIN),
@@ -264,7 +260,7 @@ impl Region {
 
 /// The bounding rectangle of each group of adjoining dirty tiles: whole tiles, cut at the edges of
 /// the map.
-pub fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
+fn dirty_regions(outliers: ArrayView2<'_, bool>) -> Vec<Region> {
     let (height, width) = outliers.dim();
     let mut dirty = Array2::from_shape_fn((height.div_ceil(TILE), width.div_ceil(TILE)), |(y, x)| {
         let rows = y * TILE..(y * TILE + TILE).min(height);

@@ -40,7 +40,17 @@ pub struct DepthMaps {
     pub(crate) confirmed_share: f64,
     /// Of the photos of that set.
     pub(crate) statistics: PairStatistics,
+    /// Whether the photos are those of time steps ([`Self::update`]), and their number.
+    pub(crate) follows: bool,
+    steps: usize,
+    pub(crate) correction: Option<KeptCorrection>,
 }
+
+/// Photos, in order, with their gains and sharpening.
+pub(crate) type KeptCorrection = (Vec<usize>, Vec<[f32; 3]>, Vec<f32>);
+
+/// Steps after which photos are compared again.
+const CORRECTION_STEPS: usize = 8;
 
 impl DepthMaps {
     /// For photos of these cameras, to be searched from `near` to `far` (0 < near < far, scene
@@ -56,6 +66,9 @@ impl DepthMaps {
             confirmed: None,
             confirmed_share: 0.0,
             statistics: PairStatistics::default(),
+            follows: false,
+            steps: 0,
+            correction: None,
         }
     }
 
@@ -78,6 +91,15 @@ impl DepthMaps {
         self.maps[index] = Some(Arc::new(depth));
         self.votes.drop_photo(index);
         self.confirmed = None;
+    }
+
+    /// Sets the depths of photos of a time step. Depth is not moved at edges from then on: pictures in motion
+    /// do not gain by it. Exposure and sharpness of the photos are compared in every eighth step, and in one
+    /// that is `new`: a cut.
+    pub fn update(&mut self, depths: impl Iterator<Item = (usize, PhotoDisparity)>, new: bool) {
+        depths.for_each(|(index, depth)| self.insert(index, depth));
+        (self.follows, self.steps) = (true, self.steps + 1);
+        self.correction = self.correction.take().filter(|_| !new && !self.steps.is_multiple_of(CORRECTION_STEPS));
     }
 
     /// What compares a new depth of photo `index` with those of a set that are known.
@@ -161,6 +183,9 @@ impl DepthMaps {
         photos.dedup_by_key(|&mut (index, _)| index);
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed: Vec<_> = set.iter().map(|&index| self.confirmed_by(index, &set)).collect();
+        if self.follows {
+            return set.iter().copied().zip(confirmed).collect();
+        }
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
         let found: Vec<_> = photos.iter().map(|&(index, view)| (view, depth(index))).collect();
         // One photo after another: each is computed in parallel, and allocates several maps of its size.

@@ -70,7 +70,14 @@ pub(crate) enum Candidates<'a> {
         /// Each entry applies to this many cells across and down.
         cells_per_side: usize,
     },
+    /// A few of its own at each cell, fractional indices.
+    Own(&'a [PerOwn]),
 }
+
+/// Number of its own candidates that a cell has.
+pub(crate) const OWN: usize = 3;
+/// One number per candidate of a cell.
+pub(crate) type PerOwn = [f32; OWN];
 
 impl Candidates<'_> {
     /// Takes the place of the start of a second segment where there is only one.
@@ -81,6 +88,7 @@ impl Candidates<'_> {
         match self {
             Self::All => grid.count.next_multiple_of(2 * SEGMENT),
             Self::Segments { .. } => 2 * SEGMENT,
+            Self::Own(_) => OWN,
         }
     }
 
@@ -88,7 +96,7 @@ impl Candidates<'_> {
     #[inline(always)]
     pub(crate) fn index(&self, (y, x): (usize, usize), k: usize) -> usize {
         match self {
-            Self::All => k,
+            Self::All | Self::Own(_) => k,
             Self::Segments { starts, columns, cells_per_side } => {
                 let starts = starts[y / cells_per_side * columns + x / cells_per_side];
                 usize::from(starts[k / SEGMENT]) + k % SEGMENT
@@ -157,6 +165,14 @@ impl Planes {
             }
         }
         Self { width, height, stride, rgb }
+    }
+
+    /// Difference of colour of two pixels, given by their numbers row by row; summed over the channels.
+    #[inline(always)]
+    pub(crate) fn difference(&self, one: usize, other: usize) -> f32 {
+        let [one, other] = [one, other].map(|at| at / self.width * self.stride + at % self.width);
+        let [r, g, b] = [0, 1, 2].map(|channel| (self.rgb[channel][one] - self.rgb[channel][other]).abs());
+        (r + g) + b
     }
 
     /// Row `y` of a channel, without its padding.

@@ -10,6 +10,7 @@
 //!   photo as reference.
 //! - `anchored_depth`: the same, with what the neighbours find as anchors.
 //! - `consistency`, `nearer_edges`: what photos confirm of each other's depth, and depth at edges.
+//! - `followed_depth`: the depth of photos that change from time step to time step.
 //! - `fusion`, `target_search`: the surface of a target, and the search of its holes.
 //! - `correction`: exposure and sharpness of the photos.
 //! - `depth_range`: the depth range of a scene that gives none.
@@ -28,6 +29,7 @@ mod consistency;
 mod correction;
 mod depth_maps;
 mod depth_range;
+mod followed_depth;
 mod fusion;
 mod grid;
 pub mod guided;
@@ -45,10 +47,10 @@ mod target_surface;
 mod tests;
 
 pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth_in_scene};
-pub use carried_surface::{Region, dirty_regions};
 pub use consistency::{ConfirmedDisparity, ConsistencyVotes};
 pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
 pub use depth_range::depth_range;
+pub use followed_depth::{FollowedDepth, StepPhoto};
 pub use fusion::Surface;
 pub use photo_depth::{PhotoDisparity, photo_depth};
 pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};

@@ -49,18 +49,42 @@ pub(crate) fn costs(
 ) -> Vec<u16> {
     let count = candidates.count(grid);
     let mut volume = vec![0; reference.height * reference.width * count];
-    let search = Search { reference, sources, grid, candidates, ranges, count };
-    let bands = volume.par_chunks_mut(BAND_ROWS * reference.width * count).enumerate();
-    bands.for_each_init(
-        || Box::new(Tile::NEW),
-        |tile, (index, out)| {
-            if ranges.is_some() {
-                out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
-            }
-            search_band(&search, index * BAND_ROWS, tile, out);
-        },
-    );
+    Search { reference, sources, grid, candidates, ranges, count }.fill(None, &mut volume);
     volume
+}
+
+/// As [`costs`], of the cells of a mask alone, into `volume`; the costs of others are unspecified.
+pub(crate) fn costs_in(
+    mask: &[bool],
+    reference: &Planes,
+    sources: &[WarpSource<'_>],
+    grid: &Grid,
+    candidates: Candidates<'_>,
+    volume: &mut Vec<u16>,
+) {
+    let count = candidates.count(grid);
+    volume.resize(mask.len() * count, 0);
+    Search { reference, sources, grid, candidates, ranges: None, count }.fill(Some(mask), volume);
+}
+
+/// The rows of a band from the first to the last that has a cell of the mask in a tile, where `counts` says so.
+fn masked_rows(mask: &[bool], width: usize, left: usize, counts: impl Fn(usize, usize) -> bool) -> Range<usize> {
+    let columns = left..(left + TILE_COLUMNS).min(width);
+    let wanted = |y: &usize| columns.clone().any(|x| mask[y * width + x] && counts(*y, x));
+    let mut rows = (0..mask.len() / width).filter(wanted);
+    let Some(first) = rows.next() else { return 0..0 };
+    first..rows.next_back().unwrap_or(first) + 1
+}
+
+/// First columns of tiles that hold the cells of a mask.
+fn tile_columns(mask: &[bool], width: usize) -> Vec<usize> {
+    let mut columns: Vec<usize> = Vec::new();
+    for x in (0..width).filter(|&x| mask[x..].iter().step_by(width).any(|&wanted| wanted)) {
+        if columns.last().is_none_or(|last| x >= last + TILE_COLUMNS) {
+            columns.push(x);
+        }
+    }
+    columns
 }
 
 struct Search<'a> {
@@ -72,27 +96,33 @@ struct Search<'a> {
     count: usize,
 }
 
-#[pulp::with_simd(search_band = liveview::simd::arch())]
+#[pulp::with_simd(search_band = pulp::Arch::new())]
 #[inline(always)]
 fn search_band_with<'a, S: pulp::Simd>(
     simd: S,
     search: &'a Search<'a>,
     first: usize,
+    columns: &'a [usize],
+    mask: Option<&'a [bool]>,
     tile: &'a mut Tile,
     out: &'a mut [u16],
 ) {
     let Planes { width, height, .. } = *search.reference;
-    (tile.first, tile.rows) = (first, out.len() / (width * search.count));
-    for left in (0..width).step_by(TILE_COLUMNS) {
+    for &left in columns {
         tile.column = left;
-        tile.inside = first + tile.rows < height && left + RUN <= width;
         for segment in search.segments(first / BAND_ROWS, left / TILE_COLUMNS) {
-            if search.begin_segment(segment, tile) {
+            let rows = match mask {
+                None => 0..out.len() / (width * search.count),
+                Some(mask) => masked_rows(mask, width, left, |y, x| search.has_segment(first + y, x, segment)),
+            };
+            (tile.first, tile.rows) = (first + rows.start, rows.len());
+            tile.inside = first + rows.end < height && left + RUN <= width;
+            if !rows.is_empty() && search.begin_segment(segment, tile) {
                 // A closure would be compiled without the vector instructions.
-                for k in 0..SEGMENT {
+                for k in 0..search.planes() {
                     search.candidate(simd, k, tile);
                 }
-                search.store(segment, tile, out);
+                search.store(segment, tile, &mut out[rows.start * width * search.count..]);
             }
         }
     }
@@ -104,16 +134,57 @@ fn lower(a: f32, b: f32) -> f32 {
 }
 
 impl Search<'_> {
+    /// Computes the costs of all cells, or of those of a mask.
+    fn fill(&self, mask: Option<&[bool]>, volume: &mut [u16]) {
+        let width = self.reference.width;
+        let rows = if mask.is_some() { MASK_ROWS } else { BAND_ROWS };
+        let bands = volume.par_chunks_mut(rows * width * self.count).enumerate();
+        bands.for_each_init(
+            || Box::new(Tile::NEW),
+            |tile, (index, out)| {
+                if self.ranges.is_some() {
+                    out.fill(round_to_i32(UNSEEN_COST * COST_SCALE) as u16);
+                }
+                let mask = mask.map(|mask| &mask[index * rows * width..][..out.len() / self.count]);
+                let all = || (0..width).step_by(TILE_COLUMNS).collect();
+                let columns: Vec<usize> = mask.map_or_else(all, |mask| tile_columns(mask, width));
+                search_band(self, index * rows, &columns, mask, tile, out);
+            },
+        );
+    }
+
+    /// Planes that are searched at together: a segment, or one of the candidates of each cell.
+    fn planes(&self) -> usize {
+        if matches!(self.candidates, Candidates::Own(_)) { 1 } else { SEGMENT }
+    }
+
     /// The segments that a tile is searched at.
     fn segments(&self, row: usize, column: usize) -> std::ops::Range<usize> {
         let plane = |end: usize| self.ranges.map(|ranges| usize::from(ranges[(row, column, end)]));
-        plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / SEGMENT
+        plane(0).unwrap_or(0) / SEGMENT..plane(1).unwrap_or(self.count) / self.planes()
+    }
+
+    /// Whether a cell is searched at a segment.
+    fn has_segment(&self, y: usize, x: usize, segment: usize) -> bool {
+        let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else { return true };
+        starts[y / cells_per_side * columns + x / cells_per_side][segment] != Candidates::NO_SEGMENT
     }
 
     /// Sets the index of each cell's first candidate of a segment; false where no cell of the tile
     /// has that segment.
     #[inline(always)]
     fn begin_segment(&self, segment: usize, tile: &mut Tile) -> bool {
+        if let Candidates::Own(candidates) = self.candidates {
+            tile.index_range = [f32::MAX, f32::MIN];
+            for y in tile.sampled_rows(self.reference.height) {
+                for (i, index) in tile.index[y - tile.first].iter_mut().enumerate() {
+                    let x = (tile.column + i).min(self.reference.width - 1);
+                    *index = candidates[y * self.reference.width + x][segment];
+                    tile.index_range = [tile.index_range[0].min(*index), tile.index_range[1].max(*index)];
+                }
+            }
+            return true;
+        }
         let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else {
             let first = (segment * SEGMENT) as f32;
             (tile.index, tile.index_range) = ([[first; RUN]; TILE_ROWS], [first; 2]);
@@ -226,7 +297,8 @@ impl Search<'_> {
             let cells = out[(row * width + tile.column) * count..].chunks_exact_mut(count);
             for (i, cell) in cells.enumerate().take(TILE_COLUMNS.min(width - tile.column)) {
                 let costs: [u16; SEGMENT] = std::array::from_fn(|k| costs[k][i]);
-                cell[segment * SEGMENT..(segment + 1) * SEGMENT].copy_from_slice(&costs);
+                let planes = self.planes();
+                cell[segment * planes..(segment + 1) * planes].copy_from_slice(&costs[..planes]);
             }
         }
     }
@@ -265,6 +337,8 @@ fn keep_unseen(averaged: usize, first: bool, tile: &mut Tile) {
 
 /// Rows that one task processes at a time.
 pub(crate) const BAND_ROWS: usize = 24;
+/// The same of the cells of a mask.
+const MASK_ROWS: usize = 8;
 /// Rows of a tile: those of a band and the one below, for vertical gradients.
 const TILE_ROWS: usize = BAND_ROWS + 1;
 /// Columns from one tile to the next: the last column of a run has no right neighbour.

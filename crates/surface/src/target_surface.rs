@@ -68,7 +68,7 @@ impl TargetSurface {
     ) -> Self {
         let mut confirmed = maps.mutually_confirmed(photos);
         let mut views = views(photos, &confirmed);
-        let corrections = correct(maps, &mut views, count, target, correction);
+        let corrections = correct(maps, photos, &mut views, count, target, correction);
         let surface = surface(&views, target, maps.range(), searches_holes);
         let confirmed_share = maps.confirmed_share;
         confirmed.truncate(count);
@@ -116,7 +116,7 @@ pub fn photo_corrections(
     correction: PhotoCorrection,
 ) -> Vec<ViewCorrection> {
     let confirmed = maps.mutually_confirmed(photos);
-    correct(maps, &mut views(photos, &confirmed), count, target, correction)
+    correct(maps, photos, &mut views(photos, &confirmed), count, target, correction)
 }
 
 /// Photos with their confirmed depth and their colours unchanged.
@@ -128,23 +128,30 @@ fn views<'a>(photos: &[(usize, SourceView<'a>)], confirmed: &'a [Arc<ConfirmedDi
 /// Sets the gains of the photos; returns the correction of the first `count`.
 fn correct(
     maps: &mut DepthMaps,
+    photos: &[(usize, SourceView<'_>)],
     views: &mut [SurfaceView<'_>],
     count: usize,
     target: &Camera,
     correction: PhotoCorrection,
 ) -> Vec<ViewCorrection> {
-    let mut gains = vec![NO_GAINS; views.len()];
-    let mut sharpening = vec![0.0; count.min(views.len())];
-    let statistics = &mut maps.statistics;
-    statistics.reset_unless_of(views);
-    if correction.exposure {
-        gains = gains_to_first(views, statistics);
-    }
-    set_gains(views, &gains);
-    if correction.sharpness {
-        // By the gains that do not depend on the target; their quotients are the same.
-        sharpening = sharpening_with(&views[..sharpening.len()], statistics);
-    }
+    let indices: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
+    let number = count.min(views.len());
+    let kept = maps.correction.take().filter(|(photos, _, amounts)| (photos, amounts.len()) == (&indices, number));
+    let (indices, mut gains, sharpening) = kept.unwrap_or_else(|| {
+        let (mut gains, mut sharpening) = (vec![NO_GAINS; views.len()], vec![0.0; number]);
+        let statistics = &mut maps.statistics;
+        statistics.reset_unless_of(views);
+        if correction.exposure {
+            gains = gains_to_first(views, statistics);
+        }
+        set_gains(views, &gains);
+        if correction.sharpness {
+            // By the gains that do not depend on the target; their quotients are the same.
+            sharpening = sharpening_with(&views[..number], statistics);
+        }
+        (indices, gains, sharpening)
+    });
+    maps.correction = maps.follows.then(|| (indices, gains.clone(), sharpening.clone()));
     if correction.exposure {
         let distances: Vec<f64> = views.iter().map(|view| distance(view.view.camera, target)).collect();
         gains = balanced(&gains, &distances);

@@ -67,7 +67,14 @@ impl PlaneNetwork for ViewAgreement {
 }
 
 /// Logits `[V, w]` of a row `[3V, w]` of a layer, with its coverage `[V, w]`.
-fn row_logits(hwv: ArrayView2<'_, f32>, coverage: ArrayView2<'_, f32>, mut logits: ArrayViewMut2<'_, f32>) {
+#[pulp::with_simd(row_logits = liveview::simd::arch())]
+#[inline(always)]
+fn row_logits_with<'a, S: pulp::Simd>(
+    _simd: S,
+    hwv: ArrayView2<'a, f32>,
+    coverage: ArrayView2<'a, f32>,
+    mut logits: ArrayViewMut2<'a, f32>,
+) {
     let (views, width) = logits.dim();
     if logits.is_empty() {
         return;

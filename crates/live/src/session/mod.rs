@@ -36,8 +36,9 @@ pub enum Policy {
     /// 16 of them from then on ([`liveview_synthesizer::select_planes`]).
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched
-    /// again where it fits the photos less well than before. Surface layers: the depth of a
-    /// camera's photo is searched again where the photo has changed.
+    /// again where it fits the photos less well than before. Surface layers: the depth of a camera's
+    /// photo follows it ([`liveview_surface::FollowedDepth`]): a coarser search, where the photo has
+    /// changed.
     Propagate,
 }
 
@@ -247,7 +248,7 @@ impl LiveSession {
             searches_holes: true,
         };
         let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
-            Ok(self.depths.photos(&step, target, views.len(), reuse))
+            Ok(self.depths.photos(&step, target, views.len(), reuse, self.settings.policy == Policy::Propagate))
         })?;
         self.age = if matches!(plan.source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
