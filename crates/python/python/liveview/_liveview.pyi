@@ -80,9 +80,19 @@ class Scene:
     """Posed photos: from a folder, or by `from_arrays`.
 
     A folder in one of the formats that the program reads, or a `transforms.json`. Photos wider than
-    `width` pixels are scaled down to it; `images` names the photos' folder."""
+    `width` pixels are scaled down to it, by default those of more than 2.4 megapixels to that;
+    `images` names the photos' folder, `format` one of several formats in it; `exif_rotate` turns
+    photos by their EXIF orientation."""
 
-    def __init__(self, path: str | PathLike[str], *, width: int | None = None, images: str | None = None) -> None: ...
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        width: int | None = None,
+        images: str | None = None,
+        format: str | None = None,
+        exif_rotate: bool = False,
+    ) -> None: ...
     @staticmethod
     def from_arrays(
         photos: ArrayLike | Sequence[ArrayLike],

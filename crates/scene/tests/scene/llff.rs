@@ -1,5 +1,6 @@
 //! LLFF's `poses_bounds.npy`.
 
+use liveview_files::npy;
 use liveview_scene::{Format, Scene, SceneOptions};
 use tempfile::tempdir;
 
@@ -65,9 +66,9 @@ fn invalid_poses_bounds_are_errors() {
         poses_bounds(&poses, &[row]);
         assert_says(&refusal(root.path()), &parts);
     }
-    ndarray_npy::write_npy(&poses, &ndarray::Array2::<f64>::zeros((1, 15))).unwrap();
+    write(&poses, npy::bytes(&ndarray::Array2::<f64>::zeros((1, 15))));
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "shape [1, 15]", "17 numbers"]);
-    ndarray_npy::write_npy(&poses, &ndarray::Array2::<f32>::zeros((1, 17))).unwrap();
+    write(&poses, npy::bytes(&ndarray::Array2::<u8>::zeros((1, 17))));
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "float64"]);
 }
 
