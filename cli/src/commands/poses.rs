@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview_scene::{Scene, SceneOptions};
+use liveview_scene::{Format, Scene, SceneOptions};
 use serde_json::{Value, json};
 
 use crate::args::refuse_stdout;
@@ -23,7 +23,7 @@ pub(crate) struct PosesArgs {
     /// Photos, folders of photos, or videos (by ffmpeg: at most 60 frames, chosen by sharpness and motion)
     #[arg(required = true, value_name = "PHOTOS|VIDEO")]
     inputs: Vec<PathBuf>,
-    /// New folder of the scene: sparse/0, beside links to the photos
+    /// New folder of the scene: transforms.json, sparse/0 and links to the photos
     #[arg(short, long, value_name = "SCENE")]
     output: PathBuf,
     /// Python with the package pycolmap [default: that of .venv, else of the PATH; or the program colmap of the PATH]
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &PosesArgs) -> Result<Output> {
 fn report(folder: &Path, found: &Value) -> Result<Output> {
     let text_of = |value: &Value| value.as_str().map(str::to_owned);
     print_notes(&found["notes"].as_array().into_iter().flatten().filter_map(text_of).collect::<Vec<_>>());
-    let scene = Scene::open(folder, &SceneOptions::default())?;
+    let scene = Scene::open(folder, &SceneOptions { format: Some(Format::Colmap), ..SceneOptions::default() })?;
     let mut text = format!("registered {} of {} photos", found["registered"], found["photos"]);
     if let Some(error) = scene.reprojection_error {
         let _ = write!(text, ", median reprojection error {error:.2} px");

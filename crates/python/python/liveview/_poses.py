@@ -11,6 +11,7 @@ import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import threading
@@ -51,6 +52,7 @@ def poses(inputs, scene, report=lambda **line: None):
         if len(registered) < 3:
             raise Refused(f"no poses found for {len(names)} photos; {advice(work, names, registered)}")
         left_out = why_left_out(work / "database.db", names, registered)
+        write_transforms(work, registered)
         for path in work.glob("database.db*"):
             path.unlink()
         (work / "pairs.txt").unlink()
@@ -351,7 +353,7 @@ def groups(images, names):
 
 
 def mapping(work, report):
-    """Finds the poses; keeps the largest model. Returns the names of its photos."""
+    """Finds the poses; keeps the largest model. Returns their poses."""
     pycolmap, database, images, models = colmap(), work / "database.db", work / "images", work / "models"
     models.mkdir()
     if pycolmap:
@@ -367,23 +369,48 @@ def mapping(work, report):
         report(step="poses", done=0, of=None)
         run_colmap("mapper", database_path=database, image_path=images, output_path=models, Mapper__min_model_size=3)
     sizes = {int.from_bytes((path / "images.bin").read_bytes()[:8], "little"): path for path in models.iterdir()}
-    registered = []
+    registered = {}
     if sizes:
         (work / "sparse").mkdir()
         sizes[max(sizes)].rename(work / "sparse/0")
-        registered = registered_in(work / "sparse/0/images.bin")
+        registered = registered_in(work / "sparse/0")
     shutil.rmtree(models)
     return registered
 
 
-def registered_in(path):
-    """The names in an images.bin."""
-    data, names, at = path.read_bytes(), [], 8
+def registered_in(model):
+    """The poses in an images.bin, by name: cam_from_world as quaternion w x y z and translation,
+    and the number of the camera."""
+    data, found, at = (model / "images.bin").read_bytes(), {}, 8
     for _ in range(int.from_bytes(data[:8], "little")):
+        *pose, camera = struct.unpack_from("<7dI", data, at + 4)
         end = data.index(b"\0", at + 64)
-        names.append(data[at + 64 : end].decode())
+        found[data[at + 64 : end].decode()] = pose, camera
         at = end + 9 + 24 * int.from_bytes(data[end + 1 : end + 9], "little")
-    return names
+    return found
+
+
+def write_transforms(scene, registered):
+    """Writes transforms.json. LiveView reads it before sparse/0, and so finds the range of depths
+    from the photos: COLMAP's points often miss the nearest things."""
+    data, cameras = (scene / "sparse/0/cameras.bin").read_bytes(), {}
+    for index in range(int.from_bytes(data[:8], "little")):
+        number, model, width, height, f, cx, cy, k1 = struct.unpack_from("<IiQQ4d", data, 8 + 56 * index)
+        assert model == 2, "SIMPLE_RADIAL"
+        cameras[number] = {"fl_x": f, "fl_y": f, "cx": cx, "cy": cy, "w": width, "h": height, "k1": k1}
+    frames = []
+    for name, ((w, x, y, z, *t), camera) in sorted(registered.items()):
+        rows = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        centre = [-sum(rows[i][j] * t[i] for i in range(3)) for j in range(3)]
+        # World from camera with OpenGL's axes: y up, z backwards.
+        matrix = [[rows[0][j], -rows[1][j], -rows[2][j], centre[j]] for j in range(3)] + [[0, 0, 0, 1]]
+        frames.append({"file_path": f"images/{name}", "transform_matrix": matrix, **cameras[camera]})
+    text = json.dumps({"camera_model": "SIMPLE_RADIAL", "frames": frames}, indent=1)
+    (scene / "transforms.json").write_text(text)
 
 
 READ_TABLES = """

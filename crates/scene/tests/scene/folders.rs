@@ -129,7 +129,7 @@ const CASES: &[Case] = &[
             write(&root.join("images/b.jpg"), &bytes[..bytes.len() - 20]);
         },
         "",
-        Ok((2, &["images/b.jpg is left out: ", "before its end marker"])),
+        Ok((2, &["images/b.png is left out: ", "images/b.jpg", "before its end marker"])),
     ),
     (
         "JPEG with a video at its end",
@@ -198,7 +198,7 @@ const CASES: &[Case] = &[
         "damaged points",
         |root| {
             colmap(root);
-            text(&root.join("sparse/0/points3D.txt"), |before| before[..before.len() / 2].to_owned() + " x");
+            text(&root.join("sparse/0/points3D.txt"), |before| before + "99 1 2 x\n");
         },
         "",
         Ok((3, &["its points are not used: ", "points3D.txt"])),

@@ -136,7 +136,7 @@ const COLMAP: &[(&str, &str, &str, Expected)] = &[
     ("sparse/0", Colmap::PINHOLE, "images/cam0/?.png", FOUND),
     ("sparse/3", Colmap::PINHOLE, IMAGES, OPENS),
     ("distorted/sparse/0", Colmap::PINHOLE, IMAGES, OPENS),
-    ("sparse/0", Colmap::PINHOLE, "elsewhere.png", Err(&["images/a.png: missing image"])),
+    ("sparse/0", Colmap::PINHOLE, "elsewhere.png", Err(&["a.png: missing image"])),
     ("sparse/0", "SIMPLE_RADIAL 64 48 50 32 24 0.1", IMAGES, UNDISTORTED),
     ("sparse/0", "FULL_OPENCV 64 48 50 50 32 24 0.1 0 0 0 0 0.01 0 0", IMAGES, UNDISTORTED),
     ("sparse/0", "OPENCV_FISHEYE 64 48 50 50 32 24 0 0 0 0", IMAGES, UNDISTORTED),
