@@ -58,6 +58,11 @@ pub(crate) fn path_text(path: &Path) -> String {
     path.display().to_string()
 }
 
+/// A number of things: "1 layer", "2 layers".
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
 /// The text with its control characters escaped: it may contain names from files, and a terminal
 /// would interpret them.
 pub(crate) fn escaped(text: &str) -> String {
