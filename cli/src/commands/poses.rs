@@ -38,7 +38,7 @@ pub(crate) fn run(args: &PosesArgs) -> Result<Output> {
     command.arg("-c").arg(SCRIPT).arg(&args.output).args(&args.inputs).stdin(Stdio::null()).stdout(Stdio::piped());
     let failed = || format!("{}: cannot be run", python.display());
     let mut script = command.spawn().with_context(failed)?;
-    let (bar, mut step, mut found) = (progress("")?, String::new(), None);
+    let (bar, mut step, mut found) = (progress()?, String::new(), None);
     for line in BufReader::new(script.stdout.take().expect("a pipe")).lines() {
         let line: Value = serde_json::from_str(&line.with_context(failed)?).unwrap_or_default();
         if let Some(error) = line["error"].as_str() {
