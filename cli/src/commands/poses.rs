@@ -51,7 +51,7 @@ pub(crate) fn run(args: &PosesArgs) -> Result<Output> {
             let of = line["of"].as_u64().map(|of| format!(": {of}")).unwrap_or_default();
             bar.suspend(|| print_message("step", format!("{now}{of}")));
         }
-        bar.set_message(now.clone());
+        bar.set_prefix(now.clone());
         step = now;
         found = line.get("result").cloned().or(found);
     }
