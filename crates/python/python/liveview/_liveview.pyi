@@ -315,9 +315,7 @@ def guided_layers(
 ) -> np.ndarray:
     """`count` guided layers as maps of disparity [count, H, W] over the padded target."""
 
-def choose_views(
-    cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()
-) -> list[int]:
+def choose_views(cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()) -> list[int]:
     """Indices of the `count` cameras to render the target from, nearest first: those that show it,
     from all sides; of those in `kept` (indices) the cost is a tenth lower."""
 

@@ -7,6 +7,7 @@ videos are chosen and written there, and the model goes to SCENE/sparse/0. COLMA
 pycolmap, else the program colmap. Progress and the result are lines of JSON on standard output;
 COLMAP's own log is SCENE/colmap.log."""
 
+import itertools
 import json
 import os
 import re
@@ -48,7 +49,7 @@ def poses(inputs, scene, report=lambda **line: None):
             raise Refused(f"{len(names)} photos; expected 3 or more, or a video")
         with quiet(work / "colmap.log"):
             features_and_matches(work, names, report)
-            registered = mapping(work, report)
+            registered = mapping(work, report, len(names))
         if len(registered) < 3:
             raise Refused(f"no poses found for {len(names)} photos; {advice(work, names, registered)}")
         left_out = why_left_out(work / "database.db", names, registered)
@@ -352,29 +353,42 @@ def groups(images, names):
     return found.values()
 
 
-def mapping(work, report):
-    """Finds the poses; keeps the largest model. Returns their poses."""
-    pycolmap, database, images, models = colmap(), work / "database.db", work / "images", work / "models"
-    models.mkdir()
-    if pycolmap:
-        options = pycolmap.IncrementalPipelineOptions(min_model_size=3, random_seed=1)
-        done = [0]
-
-        def count():
-            done[0] += 1
-            report(step="poses", done=done[0] + 2, of=None)
-
-        pycolmap.incremental_mapping(database, images, models, options, next_image_callback=count)
-    else:
-        report(step="poses", done=0, of=None)
-        run_colmap("mapper", database_path=database, image_path=images, output_path=models, Mapper__min_model_size=3)
-    sizes = {int.from_bytes((path / "images.bin").read_bytes()[:8], "little"): path for path in models.iterdir()}
+def mapping(work, report, count):
+    """Finds the poses; keeps the largest model. Returns their poses. COLMAP begins with two photos
+    that see their points at a wide angle; where that gives too little, at a smaller one."""
+    pycolmap, database, images, best = colmap(), work / "database.db", work / "images", (0, None)
+    for attempt, (angle, inliers) in enumerate(((16, 100), (4, 50), (1.5, 25))):
+        models = work / f"models{attempt}"
+        models.mkdir()
+        if pycolmap:
+            options = pycolmap.IncrementalPipelineOptions(min_model_size=3, random_seed=1)
+            options.mapper.init_min_tri_angle, options.mapper.init_min_num_inliers = angle, inliers
+            done = itertools.count(3)
+            callback = lambda done=done: report(step="poses", done=next(done), of=count)  # noqa: E731
+            pycolmap.incremental_mapping(database, images, models, options, next_image_callback=callback)
+        else:
+            report(step="poses", done=0, of=count)
+            run_colmap(
+                "mapper",
+                database_path=database,
+                image_path=images,
+                output_path=models,
+                Mapper__min_model_size=3,
+                Mapper__init_min_tri_angle=angle,
+                Mapper__init_min_num_inliers=inliers,
+            )
+        for model in models.iterdir():
+            size = int.from_bytes((model / "images.bin").read_bytes()[:8], "little")
+            best = max(best, (size, model), key=lambda one: one[0])
+        if best[0] >= 0.8 * count:
+            break
     registered = {}
-    if sizes:
+    if best[1]:
         (work / "sparse").mkdir()
-        sizes[max(sizes)].rename(work / "sparse/0")
+        best[1].rename(work / "sparse/0")
         registered = registered_in(work / "sparse/0")
-    shutil.rmtree(models)
+    for models in work.glob("models*"):
+        shutil.rmtree(models)
     return registered
 
 
