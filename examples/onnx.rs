@@ -15,8 +15,9 @@ use std::time::{Duration, Instant};
 
 use liveview::geometry::Size;
 use liveview::image::{ImageError, load};
-use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork};
+use liveview::network::{ExecutionProvider, NetworkError, OrtLibrary, OrtNetwork, PlaneNetwork};
 use liveview::{Camera, ImageRgb, Layers, RenderRequest, Renderer, SourceView, Texture};
+use ndarray::Array4;
 
 type Pose = [[f64; 4]; 4];
 
@@ -76,7 +77,8 @@ const VIEWS: [(&str, Pose); 4] = [
 
 fn main() -> Result<(), Box<dyn Error>> {
     let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
-    let network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?;
+    let mut network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?;
+    infer_alone(&mut network)?;
     let alpha = network.card().alpha(None);
     let mut renderer = Renderer::new(Box::new(network), alpha, 1);
 
@@ -91,6 +93,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let started = Instant::now();
     let picture = renderer.render(RenderRequest::new(&views, &target, &planes))?.picture();
     write(&picture, started.elapsed())
+}
+
+/// The network alone: warped photos `[n, 3V, h, w]` in [0, 1] and their coverage `[n, V, h, w]` in, logits `[n, V, h, w]` out.
+fn infer_alone(network: &mut OrtNetwork) -> Result<(), NetworkError> {
+    let (n, v, h, w) = (2, network.views(), 64, 96);
+    let (warped, coverage) = (Array4::from_elem((n, 3 * v, h, w), 0.5), Array4::from_elem((n, v, h, w), 1.0));
+    let mut logits = Array4::zeros((n, v, h, w));
+    network.infer(warped.view(), coverage.view(), logits.view_mut())
 }
 
 fn photo(name: &str) -> Result<ImageRgb, ImageError> {

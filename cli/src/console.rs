@@ -6,6 +6,7 @@ use std::io::Write;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use liveview_scene::SceneError;
 use liveview_synthesizer::SynthesisError;
 
 use crate::ort_wheel;
@@ -24,7 +25,12 @@ pub(crate) fn full_text(error: &anyhow::Error) -> String {
     let causes = error.chain().map(ToString::to_string);
     let text = causes.reduce(|text, cause| if text.contains(&cause) { text } else { format!("{text}: {cause}") });
     let text = text.unwrap_or_default();
-    match error.downcast_ref::<SynthesisError>().and_then(advice) {
+    let of_scene = error.chain().filter_map(|cause| cause.downcast_ref()).find_map(|error| match error {
+        SceneError::Oriented { .. } => Some("Give --exif-rotate".to_owned()),
+        SceneError::NoPoses { .. } => Some("`liveview poses PHOTOS -o SCENE` finds them".to_owned()),
+        _ => None,
+    });
+    match error.downcast_ref::<SynthesisError>().and_then(advice).or(of_scene) {
         Some(advice) => format!("{text}. {advice}"),
         None => text,
     }
@@ -50,6 +56,11 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
 /// A path as text for JSON; serialising a path that is not UTF-8 would panic.
 pub(crate) fn path_text(path: &Path) -> String {
     path.display().to_string()
+}
+
+/// A number of things: "1 layer", "2 layers".
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// The text with its control characters escaped: it may contain names from files, and a terminal

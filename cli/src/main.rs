@@ -15,10 +15,11 @@ use clap::{Parser, Subcommand};
 
 #[cfg(feature = "viewer")]
 use commands::{bake, view};
-use commands::{depth, inspect, render, sweep, video};
+use commands::{depth, inspect, poses, render, sweep, video};
 
 const EXAMPLES: &str = "\
 Examples:
+  liveview poses photos -o scene                        a scene of photos without poses
   liveview inspect scene                                how a scene is read
   liveview render scene --target IMG_7.jpg -o new.png   a held-out photo, rendered and scored
   liveview render scene --heldout 8                     every 8th photo, with a table of scores
@@ -39,6 +40,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Make a scene of photos or a video without poses, by COLMAP
+    Poses(poses::PosesArgs),
     /// Render new views, and score them if the photo exists
     Render(Box<render::RenderArgs>),
     /// Render the video of a moving viewpoint from the frames of a camera rig
@@ -68,6 +71,7 @@ fn main() -> ExitCode {
         }
     };
     let output = interrupt::start().and_then(|()| match &cli.command {
+        Command::Poses(args) => poses::run(args),
         Command::Render(args) => render::run(args),
         Command::Video(args) => video::run(args),
         #[cfg(feature = "viewer")]

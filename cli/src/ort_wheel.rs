@@ -11,11 +11,7 @@ pub(crate) fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     if std::env::var_os("ORT_DYLIB_PATH").is_some_and(|path| !path.is_empty()) {
         return None;
     }
-    let working = std::env::current_dir().unwrap_or_default();
-    let program = std::env::current_exe().unwrap_or_default();
-    let places: Vec<&Path> = program.ancestors().skip(1).take(4).chain([working.as_path()]).collect();
-    let environments = environments(provider).iter().flat_map(|name| places.iter().map(move |place| place.join(name)));
-    let pythons = environments.flat_map(|environment| {
+    let pythons = environments_near(environments(provider)).flat_map(|environment| {
         let entries = std::fs::read_dir(environment.join("lib")).into_iter().flatten().flatten();
         let mut pythons: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
         pythons.sort();
@@ -23,6 +19,14 @@ pub(crate) fn wheel(provider: ExecutionProvider) -> Option<PathBuf> {
     });
     let mut folders = pythons.map(|python| python.join("site-packages").join("onnxruntime").join("capi"));
     folders.find_map(|folder| OrtLibrary::find_in(&folder, provider))
+}
+
+/// Where virtual environments of these names would be: above the program, and in the working directory.
+pub(crate) fn environments_near(names: &[&'static str]) -> impl Iterator<Item = PathBuf> {
+    let working = std::env::current_dir().unwrap_or_default();
+    let program = std::env::current_exe().unwrap_or_default();
+    let places: Vec<PathBuf> = program.ancestors().skip(1).take(4).map(Path::to_owned).chain([working]).collect();
+    names.to_vec().into_iter().flat_map(move |name| places.clone().into_iter().map(move |place| place.join(name)))
 }
 
 /// Names of the virtual environments that may hold the wheel with a provider, in order of

@@ -330,13 +330,14 @@ pub(crate) fn note_other_pictures(folder: &Path, is_written: impl Fn(&Path) -> b
 }
 
 /// Folders from which photos or the cameras of a rig are read.
-const FOLDERS: [&str; 6] = ["images", "images_2", "images_4", "images_8", "frames", "videos"];
+const FOLDERS: [&str; 7] = ["images", "images_2", "images_4", "images_8", "input", "frames", "videos"];
 /// Names of pose files.
-const POSES: [&str; 10] = [
+const POSES: [&str; 11] = [
     "transforms.json",
     "transforms_train.json",
     "poses_bounds.npy",
     "models.json",
+    "cameras.json",
     "cameras.txt",
     "cameras.bin",
     "images.txt",
@@ -345,7 +346,8 @@ const POSES: [&str; 10] = [
     "points3D.bin",
 ];
 /// Extensions of files that are read as a photo, or as a camera of a rig.
-const PICTURES: [&str; 10] = ["png", "jpg", "jpeg", "mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
+const PICTURES: [&str; 14] =
+    ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
 /// Levels of nested folders that are searched for links.
 const MAX_DEPTH: usize = 4;
 

@@ -261,7 +261,7 @@ pub enum CameraError {
     /// The rotation's rows are not orthonormal, or it mirrors.
     #[error(
         "the rotation is not orthonormal: max |R Rᵀ − I| is {deviation:.3e} (at most {ROTATION_TOLERANCE:.0e} \
-         is accepted), det R is {determinant:.6}"
+         is accepted), det R is {determinant:.6}{}", if *determinant < 0.0 { ": it mirrors, as left-handed axes do" } else { "" }
     )]
     NotARotation {
         /// The largest entry of `|R Rᵀ − I|`.

@@ -1,9 +1,10 @@
-//! PNG and JPEG files, read to interleaved f32 RGB and written.
+//! PNG, JPEG, WebP, TIFF and BMP files, read to interleaved f32 RGB; PNG and JPEG written.
 //!
-//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). The alpha channel is
-//! dropped. The EXIF orientation is ignored, as in COLMAP and other pose estimators, so poses
-//! belong to the pixels as stored. [`read_header`] reports both. Pictures are encoded in memory first,
-//! because the PNG encoder drops the error of its last write to a file.
+//! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Transparent pixels are
+//! composited on a background. The EXIF orientation is ignored, as in COLMAP and other pose estimators,
+//! so poses belong to the pixels as stored; [`ImageRgb::turned`] applies it. [`read_header`] reports both.
+//! Pictures are encoded in memory first, because the PNG encoder drops the error of its last write to a
+//! file.
 
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Cursor, Read, Seek};
@@ -32,13 +33,13 @@ const MAX_BYTES: u64 = 1 << 30;
 pub struct Header {
     /// Size in pixels, as stored.
     pub size: Size,
-    /// Whether its EXIF orientation is a rotation or reflection; [`load`] ignores it.
-    pub oriented: bool,
-    /// Whether it has an alpha channel; [`load`] drops it.
+    /// Its EXIF orientation, 1 (as stored) to 8; [`load`] ignores it.
+    pub orientation: u8,
+    /// Whether it has an alpha channel.
     pub alpha: bool,
 }
 
-/// Reads the header of a PNG or JPEG.
+/// Reads the header of a picture.
 ///
 /// # Errors
 ///
@@ -47,7 +48,7 @@ pub fn read_header(path: &Path) -> Result<Header, ImageError> {
     header_of(path, open(path)?)
 }
 
-/// Reads the size of a PNG or JPEG in pixels from its header.
+/// Reads the size of a picture in pixels from its header.
 ///
 /// # Errors
 ///
@@ -72,8 +73,8 @@ fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
 fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
     let (mut decoder, size) = decoder_and_size(path, input)?;
     // Damaged EXIF data counts as none.
-    let oriented = decoder.orientation().is_ok_and(|orientation| orientation != Orientation::NoTransforms);
-    Ok(Header { size, oriented, alpha: decoder.color_type().has_alpha() })
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms).to_exif();
+    Ok(Header { size, orientation, alpha: decoder.color_type().has_alpha() })
 }
 
 /// A decoder, and the size in its header.
@@ -91,18 +92,34 @@ fn decoder_and_size<'a>(
 }
 
 /// A decoder chosen by content, not by extension: PNG files named .jpg are common.
-fn reader<R: BufRead + Seek>(path: &Path, input: R) -> Result<ImageReader<R>, ImageError> {
-    let reader = ImageReader::new(input).with_guessed_format();
-    let reader = reader.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    let reason = match reader.format() {
-        Some(ImageFormat::Png | ImageFormat::Jpeg) => return Ok(reader),
-        Some(other) => format!("{other:?} is not supported"),
-        None => "unknown file format".to_owned(),
-    };
-    Err(ImageError::Decode { path: path.to_owned(), reason })
+fn reader<R: BufRead + Seek>(path: &Path, mut input: R) -> Result<ImageReader<R>, ImageError> {
+    let failed = |source| ImageError::Read { path: path.to_owned(), source };
+    let reason = why_unsupported(input.fill_buf().map_err(failed)?);
+    let reader = ImageReader::new(input).with_guessed_format().map_err(failed)?;
+    use ImageFormat::{Bmp, Jpeg, Png, Tiff, WebP};
+    match reader.format() {
+        Some(Bmp | Jpeg | Png | Tiff | WebP) => Ok(reader),
+        _ => Err(ImageError::Decode { path: path.to_owned(), reason }),
+    }
 }
 
-/// Decodes a PNG or JPEG.
+/// What a file is that is no picture of a supported format, by its first bytes, and what helps.
+fn why_unsupported(head: &[u8]) -> String {
+    let brand = head.get(4..12).filter(|brand| brand.starts_with(b"ftyp")).map_or(&[][..], |brand| &brand[4..]);
+    let (kind, extension) = match (head, brand) {
+        ([], _) => return "the file is empty".to_owned(),
+        (_, b"avif" | b"avis") => ("AVIF", "avif"),
+        (_, b"heic" | b"heix" | b"hevc" | b"heim" | b"heis" | b"mif1" | b"msf1") => ("HEIC", "heic"),
+        ([0x76, 0x2F, 0x31, 0x01, ..], _) => ("OpenEXR", "exr"),
+        _ if head.starts_with(b"version https://git-lfs") => {
+            return "a pointer of Git LFS, not the photo; `git lfs pull` fetches it".to_owned();
+        }
+        _ => return "unknown file format".to_owned(),
+    };
+    format!("{kind} is not supported; `magick mogrify -format jpg *.{extension}` converts the photos of a folder")
+}
+
+/// Decodes a picture, transparent pixels on white.
 ///
 /// # Errors
 ///
@@ -112,16 +129,16 @@ pub fn load(path: &Path) -> Result<ImageRgb, ImageError> {
     // A device or a pipe does not report its size beforehand.
     let read = open(path)?.take(MAX_BYTES).read_to_end(&mut bytes);
     read.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    decode(path, &bytes)
+    decode(path, &bytes, WHITE)
 }
 
-/// Decodes the bytes of a PNG or JPEG file; `path` is for errors.
+/// Decodes the bytes of a picture file, transparent pixels on a background (RGB); `path` is for errors.
 ///
 /// # Errors
 ///
 /// [`ImageError::TooLarge`]; [`ImageError::Decode`] if the file is damaged or ends early. JPEG data has no
 /// checksum: some damage gives another picture instead.
-pub fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
+pub fn decode(path: &Path, bytes: &[u8], background: [f32; 3]) -> Result<ImageRgb, ImageError> {
     let (_, size) = decoder_and_size(path, Cursor::new(bytes))?;
     let mut reader = reader(path, Cursor::new(bytes))?;
     let mut limits = Limits::no_limits();
@@ -131,9 +148,22 @@ pub fn decode(path: &Path, bytes: &[u8]) -> Result<ImageRgb, ImageError> {
     // If the decoder panics, the error names the file; no state of the decoder outlives the call.
     let decoded = catch_unwind(AssertUnwindSafe(|| reader.decode()));
     let failed = |_| ImageError::Decode { path: path.to_owned(), reason: "the decoder failed".to_owned() };
-    let decoded = decoded.map_err(failed)?.map_err(|error| decode_error(path, &error))?.into_rgb32f();
-    ImageRgb::new(size.width, size.height, decoded.into_raw())
+    let decoded = decoded.map_err(failed)?.map_err(|error| decode_error(path, &error))?;
+    let rgb = match decoded.color().has_alpha() {
+        false => decoded.into_rgb32f().into_raw(),
+        true => {
+            let on_background = |&[r, g, b, alpha]: &[f32; 4]| {
+                let mix = |colour: f32, behind: f32| behind + alpha * (colour - behind);
+                [mix(r, background[0]), mix(g, background[1]), mix(b, background[2])]
+            };
+            decoded.into_rgba32f().as_chunks().0.iter().flat_map(on_background).collect()
+        }
+    };
+    ImageRgb::new(size.width, size.height, rgb)
 }
+
+/// The background of [`load`].
+pub const WHITE: [f32; 3] = [1.0; 3];
 
 fn decode_error(path: &Path, error: &image::ImageError) -> ImageError {
     ImageError::Decode { path: path.to_owned(), reason: error.to_string() }

@@ -1,4 +1,4 @@
-//! Pictures: RGB in memory, PNG and JPEG files, and inpainting of uncovered pixels.
+//! Pictures: RGB in memory, files, and inpainting of uncovered pixels.
 
 mod codec;
 mod inpaint;
@@ -8,7 +8,7 @@ use std::io;
 use std::path::PathBuf;
 
 pub use codec::{
-    Header, JPEG_QUALITY, decode, encode, encode_gray16_png, encode_with_quality, is_tagged, load, read_header,
+    Header, JPEG_QUALITY, WHITE, decode, encode, encode_gray16_png, encode_with_quality, is_tagged, load, read_header,
     read_size,
 };
 pub use inpaint::inpaint_uncovered;
@@ -28,8 +28,8 @@ pub enum ImageError {
         /// The cause.
         source: io::Error,
     },
-    /// The file is damaged, truncated, or neither PNG nor JPEG.
-    #[error("{}: not a complete PNG or JPEG image: {reason}", path.display())]
+    /// The file is damaged, truncated, or of no format that is read.
+    #[error("{}: not a complete picture (PNG, JPEG, WebP, TIFF, BMP): {reason}", path.display())]
     Decode {
         /// The file.
         path: PathBuf,

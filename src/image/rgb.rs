@@ -1,7 +1,8 @@
 //! Pictures in memory, from and to arrays `[h, w, 3]` and pictures of the crate `image`.
 
 use image::imageops::{self, FilterType};
-use image::{Rgb32FImage, RgbImage};
+use image::metadata::Orientation;
+use image::{DynamicImage, Rgb32FImage, RgbImage};
 use ndarray::{Array3, ArrayView3};
 
 use super::ImageError;
@@ -75,6 +76,16 @@ impl ImageRgb {
         let Some(buffer) = Rgb32FImage::from_raw(across, down, self.data) else { return Err(refused) };
         let scaled = imageops::resize(&buffer, new_across, new_down, FilterType::Triangle);
         Self::new(width, height, scaled.into_raw())
+    }
+
+    /// The picture as an EXIF orientation, 1 (as stored) to 8, shows it.
+    pub fn turned(self, orientation: u8) -> Self {
+        let (width, height) = (self.width as u32, self.height as u32);
+        let stored = Rgb32FImage::from_raw(width, height, self.data).expect("3 values for each pixel");
+        let mut picture = DynamicImage::ImageRgb32F(stored);
+        picture.apply_orientation(Orientation::from_exif(orientation).unwrap_or(Orientation::NoTransforms));
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        Self { data: picture.into_rgb32f().into_raw(), width, height }
     }
 
     /// 8-bit interleaved RGB, rounded; values outside [0, 1] are clamped.

@@ -83,9 +83,9 @@ pub struct ModelCard {
     /// Precision of the weights and of the arithmetic on them: `f32`, or `int8` for a quantised
     /// model.
     pub precision: String,
-    /// How it was trained, in a line.
+    /// How it was trained, in a line; may be empty.
     pub training: String,
-    /// Licence of the weights and of the data they were trained on.
+    /// Licence of the weights and of the data they were trained on; may be empty.
     pub licence: String,
 }
 
@@ -109,10 +109,15 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
     let wrong = |key: &str, found: Option<String>, expected: &str| {
         unfit(path, format!("metadata `{key}`"), found.unwrap_or_else(|| "missing".into()), expected)
     };
-    let text = |key: &str| entry(key).ok_or_else(|| wrong(key, None, "a text"));
-    let views = text("views")?;
+    let missing: Vec<&str> =
+        ["views", "stride", "recommended_layers"].into_iter().filter(|key| entry(key).is_none()).collect();
+    if !missing.is_empty() {
+        return Err(wrong(&missing.join("`, `"), None, "all of views, stride and recommended_layers"));
+    }
+    let text = |key: &str| entry(key).unwrap_or_default();
+    let views = text("views");
     let count = views.parse().ok().filter(|v| (2..=64).contains(v));
-    let stride = text("stride")?;
+    let stride = text("stride");
     if stride != STRIDE.to_string() {
         return Err(wrong("stride", Some(stride), &STRIDE.to_string()));
     }
@@ -128,13 +133,13 @@ pub(crate) fn read_card(path: &Path, entry: impl Fn(&str) -> Option<String>) -> 
     let kinds = entry("layer_kinds").unwrap_or_default();
     Ok(ModelCard {
         views: count.ok_or_else(|| wrong("views", Some(views), "a whole number, 2 to 64"))?,
-        recommended_layers: text("recommended_layers")?,
+        recommended_layers: text("recommended_layers"),
         layer_kinds: kinds.split(',').map(|kind| kind.trim().to_owned()).filter(|kind| !kind.is_empty()).collect(),
         alpha,
         alpha_scale,
         precision: entry("precision").unwrap_or_else(|| "f32".into()),
-        training: text("training")?,
-        licence: text("licence")?,
+        training: text("training"),
+        licence: text("licence"),
     })
 }
 
@@ -171,6 +176,17 @@ mod tests {
             let message = read(&[entry]).unwrap_err();
             assert!(message.contains(expected), "{message}");
         }
+    }
+
+    #[test]
+    fn all_missing_keys_are_in_one_message_and_others_are_optional() {
+        let read = |keys: &[&str]| {
+            let entry = |key: &str| keys.contains(&key).then(|| "8".to_owned());
+            read_card(Path::new("m.onnx"), entry).map_err(|error| error.to_string())
+        };
+        let message = read(&["views"]).unwrap_err();
+        assert!(message.contains("metadata `stride`, `recommended_layers` is missing"), "{message}");
+        assert_eq!(read(&["views", "stride", "recommended_layers"]).unwrap().licence, "");
     }
 
     #[test]

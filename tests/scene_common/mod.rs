@@ -64,8 +64,7 @@ pub(crate) fn assert_close(actual: [f64; 3], expected: [f64; 3]) {
 /// Writes a `poses_bounds.npy` with these rows.
 pub(crate) fn poses_bounds(path: &Path, rows: &[[f64; 17]]) {
     let array = ndarray::Array2::from_shape_fn((rows.len(), 17), |(i, j)| rows[i][j]);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    ndarray_npy::write_npy(path, &array).unwrap();
+    write(path, liveview_files::npy::bytes(&array));
 }
 
 /// A camera at (1, 2, 3), x right, y up, looking along −z: right (1,0,0), down (0,−1,0), backwards

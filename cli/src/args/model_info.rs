@@ -6,7 +6,7 @@ use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use liveview_synthesizer::Model;
 use serde_json::{Value, json};
 
-use crate::console::{escaped, path_text};
+use crate::console::{counted, escaped, path_text};
 
 /// The model, if any, and how it is run.
 #[derive(Debug)]
@@ -75,12 +75,12 @@ impl ModelInfo {
             return format!("network none: views weighted by distance and agreement, {} threads\n", self.threads);
         };
         format!(
-            "engine  ONNX Runtime ({}), {} {}, {} threads, {} layers per run\nmodel   {}: {}\nalpha   {}\n",
+            "engine  ONNX Runtime ({}), {} {}, {} threads, {} per run\nmodel   {}: {}\nalpha   {}\n",
             escaped(&path_text(model.library.file_name().unwrap_or_default().as_ref())),
             model.provider,
             escaped(&model.precision),
             self.threads,
-            self.batch,
+            counted(self.batch, "layer"),
             escaped(&path_text(&model.path)),
             escaped(&model.card.training),
             model.alpha

@@ -46,6 +46,14 @@ pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
     range.ok_or_else(|| "expected A:B with whole numbers, A below B, such as 100:200".to_owned())
 }
 
+/// Parses a colour RRGGBB, a `#` before it or not.
+pub(crate) fn colour(text: &str) -> Result<[f32; 3], String> {
+    let digits = text.strip_prefix('#').unwrap_or(text);
+    let value = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6);
+    let value = value.ok_or_else(|| "expected six hexadecimal digits, such as ffffff or 00ff00".to_owned())?;
+    Ok([value >> 16, value >> 8, value].map(|channel| (channel & 0xFF) as f32 / 255.0))
+}
+
 /// Parses a rate from 1 to 1000 frames per second.
 pub(crate) fn frame_rate(text: &str) -> Result<FrameRate, String> {
     let rate = text.parse().ok().filter(|rate: &FrameRate| (1.0..=1000.0).contains(&rate.per_second()));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview::Camera;
+use liveview_scene::Format;
 use liveview_scene::cameras::{CameraFile, CameraPath, read_cameras};
 use liveview_synthesizer::{Scene, SceneOptions, SceneViews, SynthesisError, Targets};
 
@@ -180,9 +181,9 @@ pub(crate) fn named(scene: &Scene, lists: &[String]) -> Result<Vec<usize>> {
 /// Options for the scene and its depth range.
 #[derive(Debug, Args)]
 pub(crate) struct SceneArgs {
-    /// Scene folder (transforms.json, Blender, COLMAP, LLFF, RealEstate10K or Spaces), or a transforms.json
+    /// Scene folder (transforms.json, Blender, COLMAP, LLFF, RealEstate10K, Spaces …), its zip, or a transforms.json
     scene: PathBuf,
-    /// Scale wider photos down to this width
+    /// Scale wider photos down to this width [default: those of more than 2.4 megapixels to that]
     #[arg(long, value_name = "PIXELS", value_parser = numbers::count)]
     width: Option<usize>,
     /// Nearest depth, in scene units [default: from the scene, else found from the photos]
@@ -194,6 +195,15 @@ pub(crate) struct SceneArgs {
     /// Photo folder of a scene, such as images_4 [default: the format's usual ones]
     #[arg(long, value_name = "NAME", help_heading = ADVANCED, hide_short_help = true)]
     images: Option<String>,
+    /// Format to read, of several in the folder: transforms, colmap, llff …
+    #[arg(long, value_name = "FORMAT", help_heading = ADVANCED, hide_short_help = true)]
+    format: Option<Format>,
+    /// Background of transparent pixels: RRGGBB [default: ffffff]
+    #[arg(long, value_name = "COLOUR", value_parser = numbers::colour, help_heading = ADVANCED, hide_short_help = true)]
+    background: Option<[f32; 3]>,
+    /// Turn the photos as their EXIF orientation says
+    #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
+    exif_rotate: bool,
     /// Rig position of a Spaces scene
     #[arg(long, value_name = "INDEX", default_value_t = 0, help_heading = ADVANCED, hide_short_help = true)]
     rig_position: usize,
@@ -207,7 +217,14 @@ impl SceneArgs {
 
     /// Options for opening the scene.
     pub(crate) fn options(&self) -> SceneOptions {
-        SceneOptions { width: self.width, images: self.images.clone(), rig_position: self.rig_position }
+        SceneOptions {
+            width: self.width,
+            format: self.format,
+            background: self.background,
+            exif_rotate: self.exif_rotate,
+            images: self.images.clone(),
+            rig_position: self.rig_position,
+        }
     }
 
     /// The nearest and farthest depth given.

@@ -10,13 +10,12 @@ use std::time::Duration;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use liveview::image::{self, encode, encode_gray16_png};
-use liveview_files::bounded;
+use liveview_files::{bounded, npy};
 use liveview_live::peak_memory;
 use liveview_scene::View;
 use liveview_synthesizer::colormap::coloured;
 use liveview_synthesizer::{DepthSource, ModelOptions, Scene, ScenePhotos, ViewDepth};
 use ndarray::Array2;
-use ndarray_npy::WriteNpyExt;
 use serde_json::{Value, json};
 
 use crate::args::{
@@ -180,13 +179,11 @@ fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
         "disparity": "value / 65535 * disparity_max = 1 / z, z along the camera's axis; 0: no other photo confirms it",
         "disparity_max": largest, "unit": "1/scene unit", "disparity_per_pixel_of_parallax": depth.found.disparity_per_pixel,
     });
-    let mut array = Vec::new();
-    known.write_npy(&mut array)?;
     let colour = known.mapv(|disparity| if disparity < 0.0 { f32::NAN } else { disparity });
     let contents = [
         encode_gray16_png(width, height, &known.iter().map(value).collect::<Vec<_>>())?,
         format!("{scale:#}\n").into_bytes(),
-        array,
+        npy::bytes(known),
         encode("colour.png".as_ref(), &coloured(colour.view(), low, high))?,
     ];
     files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))

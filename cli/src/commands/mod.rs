@@ -4,6 +4,7 @@
 pub(crate) mod bake;
 pub(crate) mod depth;
 pub(crate) mod inspect;
+pub(crate) mod poses;
 pub(crate) mod render;
 pub(crate) mod sweep;
 pub(crate) mod video;

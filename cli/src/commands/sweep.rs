@@ -108,6 +108,9 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
             "the times of the repetitions differ widely: the machine is too busy for reliable times",
         );
     }
+    if sweep.has_no_score() {
+        print_message("warning", "the plot is empty: no picture has a score, because they are too small");
+    }
     let (text, json) = (sweep.markdown(), sweep.json());
     for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), sweep.plot()]) {
         write_atomically(&args.output.join(name), contents.as_bytes())?;

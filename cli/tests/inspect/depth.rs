@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use image::{ImageBuffer, Luma};
+use liveview_files::npy;
 use ndarray::Array2;
 use serde_json::Value;
 
@@ -21,7 +22,7 @@ fn depth(folders: &Folders, arguments: &[&str]) -> (Value, String) {
 }
 
 fn map(folders: &Folders, view: usize) -> Array2<f32> {
-    ndarray_npy::read_npy(folders.out(&format!("depth/{view}.npy"))).unwrap()
+    npy::read(&fs::read(folders.out(&format!("depth/{view}.npy"))).unwrap()).unwrap()
 }
 
 /// Writes the true depth of the wall as 16-bit PNGs of this size, in units of 1/65535 of

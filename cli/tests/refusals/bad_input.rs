@@ -31,7 +31,7 @@ fn truncated_image_is_an_error() {
         let bytes = fs::read(folders.photo(view)).unwrap();
         fs::write(folders.photo(view), &bytes[..kept]).unwrap();
         let name = format!("images/{view}.png");
-        assert_render_refused(&folders, &[], &[&name, "not a complete PNG or JPEG"]);
+        assert_render_refused(&folders, &[], &[&name, "not a complete picture"]);
     }
 }
 
@@ -148,7 +148,7 @@ fn invalid_models_are_an_error() {
     refused(&["--model", &other], &[&other, "the input is hwv", "9", "expected hwv f32 [n, 12, h, w]"]);
     refused(&["--model", &fixture("fixed_size")], &["fixed_size.onnx", "n, h and w free"]);
     refused(&["--model", &fixture("other_stride")], &["metadata `stride` is 16", "expected 8"]);
-    refused(&["--model", &fixture("no_card")], &["metadata `views` is missing"]);
+    refused(&["--model", &fixture("no_card")], &["metadata `views`, `stride`, `recommended_layers` is missing"]);
     refused(
         &["--model", &fixture("odd_advice")],
         &["`recommended_layers`", "many", "such as \"guided:2\"", "--layers"],

@@ -343,7 +343,7 @@ fn photo_that_disappears_during_the_run_is_an_error() {
         fs::write(&photo, &bytes).unwrap();
     };
     refused(&format!("/bin/rm {photo}"), &["cannot be read: No such file"]);
-    refused(&format!("echo > {photo}"), &["not a complete PNG or JPEG"]);
+    refused(&format!("echo > {photo}"), &["not a complete picture"]);
     crate::common::photo(&folders.scene().join("larger.png"), 0.4, 2 * WIDTH, HEIGHT);
     refused(
         &format!("/bin/mv {} {photo}", folders.scene().join("larger.png").display()),

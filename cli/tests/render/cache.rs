@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Read;
 use std::process::{Command, Stdio};
 
+use liveview_files::npy;
 use serde_json::Value;
 
 use crate::common::{Folders, HEIGHT, WIDTH, fixture, photo};
@@ -64,13 +66,18 @@ fn pictures_are_equal_with_and_without_cache() {
 fn cached_disparity_equals_that_of_depth() {
     let folders = Folders::new();
     assert_eq!(sources(&folders, &["--photo", "1"]), ["searched"]);
-    let written: ndarray::Array2<f32> = ndarray_npy::read_npy(folders.scene().join("depths/1.npy")).unwrap();
+    let written: ndarray::Array2<f32> = npy::read(&fs::read(folders.scene().join("depths/1.npy")).unwrap()).unwrap();
     let maps = folders.written().into_iter().map(|name| {
-        let mut file = ndarray_npy::NpzReader::new(fs::File::open(folders.out(&name)).unwrap()).unwrap();
-        let key: ndarray::Array1<u8> = file.by_name("key").unwrap();
+        let mut file = zip::ZipArchive::new(fs::File::open(folders.out(&name)).unwrap()).unwrap();
+        let mut array = |name: &str| {
+            let mut bytes = Vec::new();
+            file.by_name(name).unwrap().read_to_end(&mut bytes).unwrap();
+            bytes
+        };
+        let key: ndarray::Array1<u8> = npy::read(&array("key.npy")).unwrap();
         let digest: String = key.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(name, format!("kept/{digest}.npz"));
-        file.by_name::<ndarray::OwnedRepr<f32>, ndarray::Ix2>("disparity").unwrap()
+        npy::read(&array("disparity.npy")).unwrap()
     });
     let same = |map: &ndarray::Array2<f32>| {
         map.iter().zip(&written).all(|(kept, &written)| written == -1.0 || *kept == written)

@@ -204,7 +204,7 @@ fn video_files_with_poses_bounds_are_a_rig() {
         poses.extend([0.0, 1.0, 0.0, x, 48.0, 1.0, 0.0, 0.0, 0.0, 64.0, 0.0, 0.0, -1.0, 0.0, 60.0, 2.0, 8.0]);
     }
     let poses = ndarray::Array2::from_shape_vec((6, 17), poses).unwrap();
-    ndarray_npy::write_npy(rig.path().join("poses_bounds.npy"), &poses).unwrap();
+    fs::write(rig.path().join("poses_bounds.npy"), liveview_files::npy::bytes(&poses)).unwrap();
     fs::remove_file(rig.path().join("transforms.json")).unwrap();
     let path = ffmpeg(&rig.folders, "");
     let film = rig.folders.out("a.mp4");

@@ -97,6 +97,11 @@ pub struct SweepReport {
 }
 
 impl SweepReport {
+    /// Whether no picture could be compared with its photo.
+    pub fn has_no_score(&self) -> bool {
+        self.rows.iter().all(|row| row.score.is_none())
+    }
+
     /// Whether the times of the repetitions differ too much.
     pub fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();

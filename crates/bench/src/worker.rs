@@ -7,17 +7,16 @@
 //! protocol.
 
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Cursor, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Error, Result, anyhow, bail};
 use liveview::layers::{Layers, uniform_disparities};
 use liveview::{Camera, ImageRgb};
-use liveview_files::atomic::{self, AtomicFile};
+use liveview_files::{atomic, npy};
 use liveview_synthesizer::{LayerSpec, Plan, SceneViews, Score, Shot, Synthesizer, Targets};
-use ndarray::{Array1, Array2, Array3};
-use ndarray_npy::{NpzWriter, WriteNpyExt, WriteNpzError};
+use ndarray::{Array3, aview1, aview2};
 use serde_json::{Value, json};
 
 use crate::report::Row;
@@ -115,9 +114,7 @@ pub(super) fn scaled(mut targets: Targets, width: Option<usize>) -> Result<Targe
 
 /// A picture as float32 `[height, width, 3]`.
 fn save(path: &Path, picture: &ImageRgb) -> Result<()> {
-    let mut file = AtomicFile::create(path).map_err(|error| unwritten(path, error))?;
-    picture.as_array().write_npy(&mut file).map_err(|error| unwritten(path, error))?;
-    file.finish().map_err(|error| unwritten(path, error))
+    atomic::write(path, &npy::bytes(&picture.as_array())).map_err(|error| unwritten(path, error))
 }
 
 /// A path as text for a worker; JSON holds only UTF-8.
@@ -199,10 +196,12 @@ impl Measured {
         for (target, truth) in truths.iter().enumerate() {
             let frame = folder.join("frame.npy");
             let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": text_of(&frame)? }))?;
-            let pixels: Array3<f32> = ndarray_npy::read_npy(&frame).context("a worker's picture cannot be read")?;
-            let (height, width, _) = pixels.dim();
-            let picture = ImageRgb::new(width, height, pixels.iter().copied().collect())?;
-            scores.push(Score::of(&picture, truth));
+            let bytes = std::fs::read(&frame).context("a worker's picture cannot be read")?;
+            let pixels: Array3<f32> = npy::read(&bytes).map_err(|what| anyhow!("a worker's picture: {what}"))?;
+            let picture = ImageRgb::from_array(pixels.view())?;
+            // `--widths` makes pictures of another size.
+            let truth = truth.clone().resized(picture.width(), picture.height())?;
+            scores.push(Score::of(&picture, &truth));
             if target == 0 {
                 let stage = if self.row.along_surface() { "depth" } else { "select" };
                 self.row.once = answer["seconds"][stage].as_f64().unwrap_or(0.0);
@@ -243,31 +242,30 @@ impl Measured {
     }
 }
 
-type Arrays = NpzWriter<Cursor<Vec<u8>>>;
-
 /// Writes the photos that a shot is rendered from, their cameras, the target camera and uniform planes.
 pub(super) fn write_job(path: &Path, views: &SceneViews, shot: &Shot, planes: usize) -> Result<()> {
-    let unwritten = |error: WriteNpzError| unwritten(path, error);
-    let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
+    let mut arrays = camera("target", &shot.target);
     for (index, &view) in shot.views.iter().enumerate() {
-        add_camera(&mut arrays, &format!("view{index}"), &views.scene().views[view].camera).map_err(unwritten)?;
+        arrays.extend(camera(&format!("view{index}"), &views.scene().views[view].camera));
         let photo = views.scene().load_image(view)?;
-        arrays.add_array(format!("view{index}.image"), &photo.as_array()).map_err(unwritten)?;
+        arrays.push((format!("view{index}.image"), npy::bytes(&photo.as_array())));
     }
-    add_camera(&mut arrays, "target", &shot.target).map_err(unwritten)?;
-    let size = Array1::from_vec(vec![shot.target.width() as i64, shot.target.height() as i64]);
-    arrays.add_array("target.size", &size).map_err(unwritten)?;
-    let disparities = Array1::from_vec(uniform_disparities(shot.near, shot.far, planes)?);
-    arrays.add_array("disparities", &disparities).map_err(unwritten)?;
-    let bytes = arrays.finish().map_err(unwritten)?.into_inner();
-    atomic::write(path, &bytes).map_err(|error| self::unwritten(path, error))
+    let size = [shot.target.width() as i64, shot.target.height() as i64];
+    arrays.push(("target.size".to_owned(), npy::bytes(&aview1(&size))));
+    let disparities = uniform_disparities(shot.near, shot.far, planes)?;
+    arrays.push(("disparities".to_owned(), npy::bytes(&aview1(&disparities))));
+    let bytes = npy::npz(arrays).map_err(|error| unwritten(path, error))?;
+    atomic::write(path, &bytes).map_err(|error| unwritten(path, error))
 }
 
-fn add_camera(arrays: &mut Arrays, name: &str, camera: &Camera) -> Result<(), WriteNpzError> {
-    let matrix = |m: glam::DMat3| Array2::from_shape_fn((3, 3), |(row, column)| m.row(row)[column]);
-    arrays.add_array(format!("{name}.k"), &matrix(camera.k()))?;
-    arrays.add_array(format!("{name}.rotation"), &matrix(camera.rotation()))?;
-    arrays.add_array(format!("{name}.translation"), &Array1::from_vec(camera.translation().to_array().to_vec()))
+/// The arrays of a camera.
+fn camera(name: &str, camera: &Camera) -> Vec<(String, Vec<u8>)> {
+    let matrix = |m: glam::DMat3| npy::bytes(&aview2(&m.transpose().to_cols_array_2d()));
+    vec![
+        (format!("{name}.k"), matrix(camera.k())),
+        (format!("{name}.rotation"), matrix(camera.rotation())),
+        (format!("{name}.translation"), npy::bytes(&aview1(&camera.translation().to_array()))),
+    ]
 }
 
 /// The error of a file that cannot be written, with only the root cause.

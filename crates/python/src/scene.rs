@@ -18,17 +18,26 @@ use crate::frame::picture_array;
 /// Posed photos: from a folder, or by `from_arrays`.
 ///
 /// A folder in one of the formats that the program reads, or a `transforms.json`. Photos wider than
-/// `width` pixels are scaled down to it; `images` names the photos' folder.
+/// `width` pixels are scaled down to it, by default those of more than 2.4 megapixels to that; `images` names the
+/// photos' folder, `format` one of several formats in it; `exif_rotate` turns photos by their EXIF orientation.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Scene(pub(crate) liveview_synthesizer::Scene);
 
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (path, *, width = None, images = None))]
-    fn new(py: Python<'_>, path: PathBuf, width: Option<&Object<'_>>, images: Option<String>) -> PyResult<Self> {
+    #[pyo3(signature = (path, *, width = None, images = None, format = None, exif_rotate = false))]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        width: Option<&Object<'_>>,
+        images: Option<String>,
+        format: Option<&str>,
+        exif_rotate: bool,
+    ) -> PyResult<Self> {
         let width = width.map(|width| whole("width", width)).transpose()?;
-        let options = SceneOptions { width, images, ..SceneOptions::default() };
+        let format = format.map(str::parse).transpose().map_err(|error: String| value("format", error))?;
+        let options = SceneOptions { width, images, format, exif_rotate, ..SceneOptions::default() };
         compute(py, || liveview_synthesizer::Scene::open(&path, &options).map_err(library)).map(Self)
     }
 

@@ -21,6 +21,14 @@ pub enum SceneError {
         /// Why it is not a scene.
         reason: String,
     },
+    /// The folder holds photos, and none of the formats.
+    #[error("{}: no scene found: {photos} photos, but no camera poses", path.display())]
+    NoPoses {
+        /// The folder.
+        path: PathBuf,
+        /// How many photos there are.
+        photos: usize,
+    },
     /// A file or folder cannot be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Read {
@@ -83,6 +91,17 @@ pub enum SceneError {
         actual: Size,
         /// The file that declares another size.
         declared_in: PathBuf,
+        /// The declared size.
+        declared: Size,
+    },
+    /// A photo's declared size is that of the photo as its EXIF orientation turns it.
+    #[error("{}: the image is {actual}, the poses are for {declared}: its EXIF orientation turns it, and it was not \
+             turned on load", path.display())]
+    Oriented {
+        /// The photo.
+        path: PathBuf,
+        /// Its size in pixels, as stored.
+        actual: Size,
         /// The declared size.
         declared: Size,
     },

@@ -1,35 +1,41 @@
-//! Scenes: photos with known camera poses. The poses are read from a folder in one of five file formats;
+//! Scenes: photos with known camera poses. The poses are read from a folder in one of seven file formats;
 //! the photos come from the same folder or from any other [`PhotoSource`]. Or both are in memory
 //! ([`Scene::in_memory`]).
 //!
 //! | format | recognised by | camera axes, pose | intrinsics |
 //! |---|---|---|---|
 //! | nerfstudio, instant-ngp, Blender | `transforms.json`, `transforms_train.json` | OpenGL, world from camera | pixels |
+//! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
 //! | LLFF | `poses_bounds.npy` | [down, right, backwards], world from camera | pixels of the full-size photos |
 //! | Spaces | `models.json` | OpenCV, angle-axis and centre | pixels of the declared size |
-//! | RealEstate10K | `cameras.txt` and `frames/` | OpenCV, camera from world | fractions of width and height |
-//! | COLMAP | `sparse/0`, `sparse` or the folder itself | OpenCV, camera from world | pixels |
+//! | RealEstate10K | `cameras.txt` and `frames/`, or both of one name | OpenCV, camera from world | fractions of width and height |
+//! | Metashape | an `.xml` of exported cameras | OpenCV, world from camera | pixels, from the middle |
+//! | 3D Gaussian Splatting | `cameras.json` | OpenCV, world from camera | pixels |
 //!
 //! Each is converted to a [`Camera`]: OpenCV axes, `cam_from_world`, K in
-//! pixels with pixel centres at half-integers (as in all five formats). If a folder holds several
-//! formats, the first one in the table is read. Files are not trusted: counts are checked against
-//! the file's length, paths must stay inside the folder, declared sizes must match the photos, and
+//! pixels with pixel centres at half-integers (as in all formats). If a folder holds several
+//! formats, the first one in the table that can be read is. Files are not trusted: counts are checked
+//! against the file's length, photos lie inside the folder or beside it, declared sizes must match the photos, and
 //! [`liveview_files::bounded`] limits the size of a file.
 
 pub mod cameras;
 mod error;
 mod formats;
+mod photo_folder;
 mod photos;
 mod scene_file;
 mod undistort;
+mod unpack;
 mod view;
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::Arc;
 
-use formats::{READERS, transforms};
+use formats::{READERS, Reader, transforms};
+use photo_folder::TRANSPARENT;
 use scene_file::{MASK_FOLDERS, mask_note};
 use undistort::{Distortion, undistort};
 use view::{DeclaredView, DeclaredViews};
@@ -37,22 +43,31 @@ use view::{DeclaredView, DeclaredViews};
 pub use error::SceneError;
 #[cfg(fuzzing)]
 pub use formats::fuzz;
-pub use photos::{Found, ListedPhoto, Photo, PhotoFolder, PhotoList, PhotoSource, load_photo, save_picture};
+pub use photo_folder::PhotoFolder;
+pub use photos::{Found, ListedPhoto, Photo, PhotoList, PhotoSource, load_photo, save_picture};
 pub use view::View;
 
 use liveview::geometry::Camera;
-use liveview::image::ImageRgb;
+use liveview::image::{ImageRgb, WHITE};
 use liveview_files::has_extension;
+use liveview_files::unfinished::Unfinished;
 
 /// Options for opening a scene.
 #[derive(Debug, Clone, Default)]
 pub struct SceneOptions {
     /// Photos wider than this, in pixels, are scaled down to it on load, together with their
-    /// intrinsics.
+    /// intrinsics; by default those of more than 2.4 megapixels to that.
     pub width: Option<usize>,
+    /// The format to read; by default the first in the table that the folder holds and that can be
+    /// read.
+    pub format: Option<Format>,
+    /// The background of transparent pixels, RGB in [0, 1]; white by default.
+    pub background: Option<[f32; 3]>,
+    /// Whether photos are turned as their EXIF orientation says.
+    pub exif_rotate: bool,
     /// The photo folder inside an LLFF, RealEstate10K or COLMAP scene, or that in place of `images`
-    /// in a `transforms.json`; by default the first that exists of the format's usual ones
-    /// (`images_8`, `images_4`, …).
+    /// in a `transforms.json`; by default the first that holds any of the usual ones (`images`,
+    /// `images_2`, …; in the folder of a `poses_bounds.npy` `images_8`, `images_4`, …).
     pub images: Option<String>,
     /// The rig position to read from a Spaces scene, counted from 0.
     pub rig_position: usize,
@@ -72,6 +87,10 @@ pub enum Format {
     RealEstate10k,
     /// COLMAP sparse model, binary or text.
     Colmap,
+    /// Metashape's exported cameras.
+    Metashape,
+    /// 3D Gaussian Splatting's `cameras.json`.
+    Gaussians,
     /// No files: photos and cameras in memory.
     Memory,
 }
@@ -85,7 +104,21 @@ impl Format {
             Self::Spaces => "axis-angle rotation and camera centre, OpenCV axes; K in pixels of the declared size",
             Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
             Self::Colmap | Self::Memory => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+            Self::Metashape | Self::Gaussians => {
+                "world from camera, OpenCV axes (x right, y down, z forward); K in pixels"
+            }
         }
+    }
+}
+
+/// The name of [`Format`], as `--format` takes it: such as `transforms`, `colmap` or `llff`.
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let names = || READERS.map(|reader| format!("{:?}", reader.format).to_lowercase());
+        let found = names().iter().position(|known| known == name);
+        found.map(|at| READERS[at].format).ok_or_else(|| format!("expected one of {}", names().join(", ")))
     }
 }
 
@@ -97,6 +130,8 @@ impl fmt::Display for Format {
             Self::Spaces => "Spaces models.json",
             Self::RealEstate10k => "RealEstate10K",
             Self::Colmap => "COLMAP",
+            Self::Metashape => "Metashape's cameras",
+            Self::Gaussians => "cameras.json (3D Gaussian Splatting)",
             Self::Memory => "photos in memory",
         })
     }
@@ -122,18 +157,46 @@ pub struct Scene {
     /// Messages for the user: every file or entry that was skipped, every assumption that was made.
     pub notes: Vec<String>,
     pixels: Pixels,
+    /// The median distance, in pixels, of tracked points from where the poses show them, where the
+    /// format has such points.
+    pub reprojection_error: Option<f64>,
+    /// The background of transparent pixels, where photos have any.
+    background: Option<[f32; 3]>,
+    /// The folder that an archive was unpacked to, which is deleted with the scene.
+    _unpacked: Option<Arc<Unfinished>>,
 }
 
 impl Scene {
-    /// Opens a folder of poses and photos, or a `transforms.json`, whatever its name, with the photos
-    /// in its folder. Reads only the headers of the photos, and checks that every camera is valid
+    /// Opens a folder of poses and photos, such a folder in another or in a zip archive, or a
+    /// `transforms.json`, whatever its name, with the photos in its folder. Reads only the headers of the photos, and checks that every camera is valid
     /// and every photo has the declared size.
     ///
     /// # Errors
     ///
     /// [`SceneError`], naming the file and the field.
     pub fn open(path: &Path, options: &SceneOptions) -> Result<Self, SceneError> {
-        Self::open_with(path, Arc::new(PhotoFolder::new(folder_of(path))), options)
+        if has_extension(path, &["zip"]) && path.is_file() {
+            let folder = unpack::unpack(path)?;
+            let scene = Self::open(folder.path(), options)?;
+            return Ok(Self { _unpacked: Some(Arc::new(folder)), ..scene });
+        }
+        let inner = formats::folder_within(path);
+        let folder = inner.as_deref().unwrap_or(path);
+        let photos = PhotoFolder::with_options(folder_of(folder), options);
+        let mut scene = Self::open_with(folder, Arc::new(photos), options)?;
+        scene.notes.extend(inner.map(|inner| format!("the scene is in the folder {}", inner.display())));
+        Ok(scene)
+    }
+
+    /// The views that are targets only ([`View::held_out`]).
+    pub fn held_out(&self) -> Vec<usize> {
+        (0..self.views.len()).filter(|&view| self.views[view].held_out).collect()
+    }
+
+    /// The background that transparent pixels of the photos are composited on; `None` if there are
+    /// none.
+    pub fn background(&self) -> Option<[f32; 3]> {
+        self.background
     }
 
     /// Opens a folder of poses, or a `transforms.json`, and takes the photos from `photos`; the
@@ -148,23 +211,49 @@ impl Scene {
             return Err(no_scene("does not exist"));
         }
         let root = folder_of(path);
-        let (format, declared, others) = if path.is_file() {
+        let mut notes = Vec::new();
+        let of = |found: DeclaredViews| {
+            let error = found.reprojection_error;
+            Ok((view::from_declared(found, options, false)?, error))
+        };
+        let (format, ((views, of_views), reprojection_error)) = if path.is_file() {
             if !has_extension(path, &["json"]) {
                 return Err(no_scene("is not a folder"));
             }
-            (Format::Transforms, transforms::open_file(root, path, &*photos, options)?, Vec::new())
+            (Format::Transforms, transforms::open_file(root, path, &*photos, options).and_then(of)?)
         } else {
-            let readers = READERS.into_iter().filter(|reader| (reader.is_in)(root));
-            let mut readers = readers.filter(|reader| photos.supports(reader.format));
-            let reader = readers.next().ok_or_else(|| no_scene(&formats::why_none_reads(root)))?;
-            (reader.format, (reader.open)(root, &*photos, options)?, readers.map(|other| other.format).collect())
+            let is_wanted = |reader: &Reader| options.format.is_none_or(|format| format == reader.format);
+            let is_there = |reader: &Reader| (reader.is_in)(root) && photos.supports(reader.format);
+            let readers: Vec<Reader> = READERS.into_iter().filter(|one| is_wanted(one) && is_there(one)).collect();
+            let (mut read, mut failed) = (None, None);
+            for Reader { format, open, .. } in readers {
+                if let Some((first, _)) = read {
+                    notes.push(format!(
+                        "the folder also holds {format}: its poses are not read, {first} takes precedence"
+                    ));
+                    continue;
+                }
+                match open(root, &*photos, options).and_then(of) {
+                    Ok(views) => read = Some((format, views)),
+                    Err(error) => {
+                        notes.push(format!("{format} is not read: {error}"));
+                        failed = failed.or(Some(error));
+                    }
+                }
+            }
+            let none = || match options.format {
+                Some(format) => no_scene(&format!("holds no {format}")),
+                None => formats::why_none_reads(root),
+            };
+            read.ok_or_else(|| failed.unwrap_or_else(none))?
         };
-        let (views, mut notes) = view::from_declared(declared, options)?;
-        for other in others {
-            notes.push(format!("the folder also holds {other}: its poses are not read, {format} takes precedence"));
-        }
+        notes.splice(0..0, of_views);
         notes.extend(MASK_FOLDERS.into_iter().filter(|folder| root.join(folder).is_dir()).map(mask_note));
-        Ok(Self { root: root.to_owned(), format, views, notes, pixels: Pixels::Source(photos) })
+        let is_transparent = views.iter().any(|view| view.photo.ignored.contains(&TRANSPARENT));
+        let background = is_transparent.then(|| options.background.unwrap_or(WHITE));
+        let pixels = Pixels::Source(photos);
+        let root = root.to_owned();
+        Ok(Self { root, format, views, notes, pixels, reprojection_error, background, _unpacked: None })
     }
 
     /// A scene of photos in memory: name, photo and camera of each. Names are unique; `/` in them
@@ -187,21 +276,22 @@ impl Scene {
                 return Err(SceneError::malformed(name, what, "values in [0, 1]"));
             }
             let path = PathBuf::from(&name);
-            declared.push(DeclaredView {
-                photo: Photo { name: name.clone(), path, size: picture.size(), ignored: Vec::new() },
-                intrinsics: camera.intrinsics(),
-                size: camera.size(),
-                may_be_resampled: false,
-                rotation: camera.rotation(),
-                translation: camera.translation(),
-                distortion: Distortion::default(),
-                depth_range: None,
-            });
+            let photo = Photo { name: name.clone(), path, size: picture.size(), ignored: Vec::new() };
+            let pose = (camera.rotation(), camera.translation());
+            declared.push(DeclaredView::new(photo, (camera.intrinsics(), camera.size()), pose));
             pictures.insert(name, picture);
         }
-        let declared = DeclaredViews { cameras: root.clone(), views: declared, notes: Vec::new() };
-        let (views, notes) = view::from_declared(declared, options)?;
-        Ok(Self { root, format: Format::Memory, views, notes, pixels: Pixels::Memory(Arc::new(pictures)) })
+        let declared = DeclaredViews {
+            cameras: root.clone(),
+            views: declared,
+            notes: Vec::new(),
+            held_out: Vec::new(),
+            reprojection_error: None,
+        };
+        let (views, notes) = view::from_declared(declared, options, true)?;
+        let pixels = Pixels::Memory(Arc::new(pictures));
+        let (format, reprojection_error) = (Format::Memory, None);
+        Ok(Self { root, format, views, notes, pixels, reprojection_error, background: None, _unpacked: None })
     }
 
     /// Index of the view with this name, file name, file name without extension, or name in the

@@ -1,8 +1,8 @@
-//! The photos of a scene: which exist, their sizes, their pixels; in its folder or from any other source; and
-//! how the entries of a pose file are matched with them.
+//! The photos of a scene: which exist, their sizes, their pixels; and how the entries of a pose file are matched
+//! with them.
 //!
 //! A scene's poses are read from files; its photos need not be. [`Scene::open`](crate::Scene::open)
-//! uses [`PhotoFolder`]. For photos from elsewhere (the frames of a camera rig,
+//! uses [`PhotoFolder`](crate::PhotoFolder). For photos from elsewhere (the frames of a camera rig,
 //! an archive, memory), pass your own source to [`Scene::open_with`](crate::Scene::open_with).
 //!
 //! Files are not trusted: their memory is checked before it is allocated, and damaged JPEG data is refused.
@@ -11,7 +11,6 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fmt::Debug;
-use std::fs;
 use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
 
@@ -20,11 +19,11 @@ use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 
-use crate::scene_file::{abbreviated, below_root, safe_name};
+use crate::scene_file::{abbreviated, safe_name};
 use crate::{DeclaredView, DeclaredViews, Format, SceneError};
 use liveview::geometry::Size;
-use liveview::image::{Header, ImageError, ImageRgb, decode, encode, read_header, read_size};
-use liveview_files::{atomic, bounded, has_extension, memory};
+use liveview::image::{ImageError, ImageRgb, decode, encode, read_size};
+use liveview_files::{atomic, bounded, memory};
 
 /// A photo that exists.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -74,7 +73,8 @@ pub struct PhotoList {
 impl PhotoList {
     /// The name, preceded by the folder.
     pub(crate) fn with_folder(&self, name: &str) -> String {
-        self.folder.as_ref().map_or_else(|| name.to_owned(), |folder| format!("{folder}/{name}"))
+        let folder = self.folder.as_ref().filter(|folder| !folder.is_empty());
+        folder.map_or_else(|| name.to_owned(), |folder| format!("{folder}/{name}"))
     }
 }
 
@@ -90,13 +90,12 @@ pub trait PhotoSource: Debug + Send + Sync {
     ///
     /// # Errors
     ///
-    /// [`SceneError::MissingImage`] if the photo does not exist: its entry is skipped with a note,
-    /// and the scene is refused if no other photo exists either. Any other error refuses the scene:
-    /// [`SceneError::Malformed`] for a name that points outside the source; [`SceneError::Image`] if
-    /// the photo's size cannot be read.
+    /// [`SceneError::MissingImage`] if the photo does not exist, [`SceneError::Image`] if it cannot be
+    /// read: its entry is skipped with a note, and the scene is refused if there is no other photo, or
+    /// if most cannot be read. Any other error refuses the scene.
     fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError>;
 
-    /// All photos of the first of these folders that exists; `None` if none exists. A source
+    /// All photos of the first of these folders that holds any; `None` if none does. A source
     /// without folders lists all its photos.
     ///
     /// # Errors
@@ -112,119 +111,24 @@ pub trait PhotoSource: Debug + Send + Sync {
     fn load(&self, name: &str) -> Result<ImageRgb, SceneError>;
 }
 
-/// Levels of nested folders in which photos are searched.
-const MAX_DEPTH: usize = 4;
-
-/// Folders of reduced copies of the photos in `images`, the largest first.
-const REDUCED: [&str; 3] = ["images_2", "images_4", "images_8"];
-
-/// PNG and JPEG files in a folder, named by their path relative to it. A photo that a pose file
-/// lists is looked for by its path; by shorter and shorter ends of it, since folders are moved; with
-/// another extension; and, where there is no folder `images`, in `images_2`, `images_4` or
-/// `images_8`. Always inside the folder: a path with `..` is refused.
-#[derive(Debug, Clone)]
-pub struct PhotoFolder {
-    root: PathBuf,
-}
-
-impl PhotoFolder {
-    /// The photos in this folder and its subfolders.
-    pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
-    }
-
-    /// The photo of that name, or with another extension, or in a folder of reduced copies.
-    fn existing(&self, name: &str) -> Option<String> {
-        let rest = name.strip_prefix("images/").filter(|_| !self.root.join("images").is_dir());
-        let reduced = rest.map(|rest| REDUCED.map(|folder| format!("{folder}/{rest}")));
-        let folders = std::iter::once(name.to_owned()).chain(reduced.into_iter().flatten());
-        let mut names = folders.flat_map(|name| [vec![name.clone()], other_extensions(&name)].concat());
-        names.find(|name| self.root.join(name).is_file())
-    }
-}
-
-impl PhotoSource for PhotoFolder {
-    fn find(&self, listed: &ListedPhoto<'_>) -> Result<Found, SceneError> {
-        let name = safe_name(listed.listed_in, below_root(listed.name))?;
-        // Poses may have been estimated in another folder: then the end of the path names the photo.
-        let ends = name.rmatch_indices('/').take(MAX_DEPTH + 1).map(|(at, _)| &name[at + 1..]);
-        let ends: Vec<&str> = ends.collect();
-        let mut names = std::iter::once(&*name).chain(ends.into_iter().rev());
-        let Some(name) = names.find_map(|name| self.existing(name)) else {
-            let (path, listed_in) = (self.root.join(listed.name), listed.listed_in.to_owned());
-            return Err(SceneError::MissingImage { path, listed_in });
-        };
-        let path = self.root.join(&name);
-        let Header { size, oriented, alpha, .. } = read_header(&path)?;
-        let orientation =
-            oriented.then_some("EXIF orientation ignored, poses are assumed to belong to the pixels as stored");
-        let alpha = alpha.then_some("alpha channel dropped, colours used as stored");
-        let ignored = orientation.into_iter().chain(alpha).collect();
-        Ok(Found::Photo(Photo { name, path, size, ignored }))
-    }
-
-    fn list(&self, folders: &[&str]) -> Result<Option<PhotoList>, SceneError> {
-        let Some(&folder) = folders.iter().find(|folder| self.root.join(folder).is_dir()) else { return Ok(None) };
-        let mut names = Vec::new();
-        collect(&self.root.join(folder), "", MAX_DEPTH, &mut names)?;
-        names.sort();
-        Ok(Some(PhotoList { folder: Some(folder.to_owned()), names }))
-    }
-
-    fn load(&self, name: &str) -> Result<ImageRgb, SceneError> {
-        load_photo(&self.root.join(name))
-    }
-}
-
-/// `name` with an extension added, then with its extension replaced.
-fn other_extensions(name: &str) -> Vec<String> {
-    let stem = match name.rsplit_once('.') {
-        Some((stem, extension)) if !extension.contains('/') => stem,
-        _ => name,
-    };
-    let endings = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
-    [name, stem].iter().flat_map(|base| endings.map(|ending| format!("{base}.{ending}"))).collect()
-}
-
-/// Adds the names of the photos in `folder` and its subfolders, each preceded by `prefix`.
-fn collect(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> Result<(), SceneError> {
-    let failed = |source| SceneError::Read { path: folder.to_owned(), source };
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        // No scene file can list a name that is not UTF-8.
-        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
-        if name.starts_with('.') {
-            continue;
-        }
-        if path.is_dir() {
-            if depth > 0 {
-                collect(&path, &format!("{prefix}{name}/"), depth - 1, names)?;
-            }
-        } else if has_extension(&path, &["png", "jpg", "jpeg"]) {
-            names.push(format!("{prefix}{name}"));
-        }
-    }
-    Ok(())
-}
-
 /// Peak memory per pixel while a photo is decoded, converted to f32 and then undistorted, resized
 /// or copied to a texture: two f32 RGB buffers and 8 bytes for the decoder.
 const BYTES_PER_PIXEL: u64 = 32;
 
-/// Decodes a PNG or JPEG file.
+/// Decodes a picture file, transparent pixels on a background (RGB).
 ///
 /// # Errors
 ///
 /// [`SceneError::PhotoMemory`]; [`SceneError::Image`] for a file that cannot be read, is too large, damaged, or
 /// ends early.
-pub fn load_photo(path: &Path) -> Result<ImageRgb, SceneError> {
+pub fn load_photo(path: &Path, background: [f32; 3]) -> Result<ImageRgb, SceneError> {
     let size = read_size(path)?;
     let check = memory::check(BYTES_PER_PIXEL * size.pixels() as u64);
     check.map_err(|source| SceneError::PhotoMemory { path: path.to_owned(), size, source })?;
     let bytes = bounded::read(path, bounded::MAX_BYTES);
     let bytes = bytes.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     if !bytes.starts_with(&[0xFF, 0xD8]) {
-        return Ok(decode(path, &bytes)?);
+        return Ok(decode(path, &bytes, background)?);
     }
     if is_sampled_finely(&bytes) {
         let reason = "a JPEG component is sampled more finely than the first one".to_owned();
@@ -254,20 +158,29 @@ fn decode_jpeg(bytes: &[u8], size: Size) -> Result<ImageRgb, String> {
     ImageRgb::new(size.width, size.height, values).map_err(|error| error.to_string())
 }
 
+/// The segments of a JPEG before its first scan, and that scan: marker, and where its content begins.
+fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, usize)> {
+    let mut at = 2; // past the start-of-image marker
+    std::iter::from_fn(move || {
+        let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) else { return None };
+        let content = at + 4;
+        at += 2 + usize::from(u16::from_be_bytes([high, low]));
+        Some((marker, content))
+    })
+}
+
+/// Where the first scan of a JPEG begins.
+pub(crate) fn scan_start(bytes: &[u8]) -> Option<usize> {
+    segments(bytes).find(|&(marker, _)| marker == 0xDA).map(|(_, content)| content)
+}
+
 /// Whether a component is sampled more finely than the first one, on which the decoder panics.
 fn is_sampled_finely(bytes: &[u8]) -> bool {
-    let mut at = 2; // past the start-of-image marker
-    while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
-        let segment = at + 4;
-        if matches!(marker, 0xC0..=0xC2) {
-            let count = bytes.get(segment + 5).copied().unwrap_or(0);
-            let components = bytes.get(segment + 6..).unwrap_or_default().chunks_exact(3).take(count.into());
-            let factors: Vec<(u8, u8)> = components.map(|component| (component[1] >> 4, component[1] & 15)).collect();
-            return factors.iter().any(|&(across, down)| across > factors[0].0 || down > factors[0].1);
-        }
-        at += 2 + usize::from(u16::from_be_bytes([high, low]));
-    }
-    false
+    let Some((_, segment)) = segments(bytes).find(|(marker, _)| matches!(marker, 0xC0..=0xC2)) else { return false };
+    let count = bytes.get(segment + 5).copied().unwrap_or(0);
+    let components = bytes.get(segment + 6..).unwrap_or_default().chunks_exact(3).take(count.into());
+    let factors: Vec<(u8, u8)> = components.map(|component| (component[1] >> 4, component[1] & 15)).collect();
+    factors.iter().any(|&(across, down)| across > factors[0].0 || down > factors[0].1)
 }
 
 /// Finds the photos of one pose file's entries, one by one, and collects their views.
@@ -286,10 +199,10 @@ pub(crate) struct PhotoLookup<'a> {
 struct Notable {
     /// Notes on what the entries say, each once.
     assumptions: BTreeSet<String>,
-    /// Listed photos that do not exist, with their errors.
-    missing: Vec<(String, SceneError)>,
-    /// Photos whose name is another than the listed one: both.
-    renamed: Vec<String>,
+    /// Listed photos that do not exist or cannot be read, or whose pose is not usable, with their errors.
+    left_out: Vec<(String, SceneError)>,
+    /// Photos whose name is another than the listed one: which view they become, both names.
+    renamed: Vec<(usize, String, String)>,
     /// One note per skipped entry.
     skipped: Vec<String>,
     /// Names of the photos by the property of theirs that is ignored.
@@ -306,8 +219,8 @@ impl<'a> PhotoLookup<'a> {
         // Windows writes `\` between folders.
         let name = &name.replace('\\', "/");
         let found = match self.photos.find(&ListedPhoto { name, listed_in: self.listed_in }) {
-            Err(error @ SceneError::MissingImage { .. }) => {
-                self.notable.missing.push((name.clone(), error));
+            Err(error @ (SceneError::MissingImage { .. } | SceneError::Image(_))) => {
+                self.leave_out(name, error);
                 return Ok(None);
             }
             found => found?,
@@ -320,7 +233,7 @@ impl<'a> PhotoLookup<'a> {
         Ok(match found {
             Found::Photo(photo) => {
                 if !is_listed_as(&photo.name, name) {
-                    self.notable.renamed.push(format!("{} for {name}", photo.name));
+                    self.notable.renamed.push((self.views.len(), photo.name.clone(), name.clone()));
                 }
                 Some(photo)
             }
@@ -332,6 +245,11 @@ impl<'a> PhotoLookup<'a> {
         })
     }
 
+    /// Leaves out an entry, whose photo or pose is not usable.
+    pub(crate) fn leave_out(&mut self, name: &str, error: SceneError) {
+        self.notable.left_out.push((name.to_owned(), error));
+    }
+
     /// Adds a note on an entry; equal notes become one.
     pub(crate) fn note(&mut self, note: String) {
         self.notable.assumptions.insert(note);
@@ -341,28 +259,66 @@ impl<'a> PhotoLookup<'a> {
     ///
     /// # Errors
     ///
-    /// [`SceneError::MissingImage`] if there are no views and photos are missing.
+    /// The first of the left-out entries if there are no views, or if more photos cannot be read than can.
     pub(crate) fn finish(self) -> Result<DeclaredViews, SceneError> {
-        let Self { listed_in, views, notable, .. } = self;
-        let Notable { assumptions, missing, renamed, skipped, ignored } = notable;
+        let Self { listed_in, mut views, notable, .. } = self;
+        let Notable { assumptions, mut left_out, renamed, skipped, ignored } = notable;
+        // A photo that an entry lists by its own name is not that of another entry.
+        let is_renamed =
+            |view: usize| renamed.iter().any(|(at, found, _)| (*at, found) == (view, &views[view].photo.name));
+        let own = (0..views.len()).filter(|&view| !is_renamed(view)).map(|view| views[view].photo.name.clone());
+        let own: HashSet<String> = own.collect();
+        let (taken, renamed): (Vec<_>, Vec<_>) = renamed.into_iter().partition(|(_, found, _)| own.contains(found));
+        for (view, found, name) in taken.into_iter().rev() {
+            if views.get(view).is_some_and(|view| view.photo.name == found) {
+                views.remove(view);
+            }
+            left_out
+                .push((name.clone(), SceneError::MissingImage { path: name.into(), listed_in: listed_in.to_owned() }));
+        }
+        let is_missing = |(_, error): &(_, SceneError)| matches!(error, SceneError::MissingImage { .. });
+        let (missing, unusable): (Vec<_>, Vec<_>) = left_out.into_iter().partition(is_missing);
+        let mut notes: Vec<String> = assumptions.into_iter().chain(skipped).collect();
+        notes.extend(note_left_out(unusable, views.len())?);
         let (missing, errors): (Vec<_>, Vec<_>) = missing.into_iter().unzip();
         if let Some(error) = errors.into_iter().next().filter(|_| views.is_empty()) {
             return Err(error);
         }
-        let mut notes: Vec<String> = assumptions.into_iter().chain(skipped).collect();
         if !missing.is_empty() {
             let names = abbreviated(&missing);
             notes.push(format!("{} of the listed photos are missing, skipped: {names}", missing.len()));
         }
-        if let Some(first) = renamed.first() {
+        if let Some((_, found, name)) = renamed.first() {
+            let count = renamed.len();
             notes.push(format!(
-                "{} photos are found under another name than the listed one, such as {first}",
-                renamed.len()
+                "{count} photos are found under another name than the listed one, such as {found} for {name}"
             ));
         }
         notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
-        Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes })
+        Ok(DeclaredViews {
+            cameras: listed_in.to_owned(),
+            views,
+            notes,
+            held_out: Vec::new(),
+            reprojection_error: None,
+        })
     }
+}
+
+/// Notes on entries that are left out; the first one's error if they are more than those kept.
+pub(crate) fn note_left_out(left_out: Vec<(String, SceneError)>, kept: usize) -> Result<Vec<String>, SceneError> {
+    const SHOWN: usize = 3;
+    let (count, mut notes) = (left_out.len(), Vec::new());
+    for (name, error) in left_out {
+        if count > kept {
+            return Err(error);
+        }
+        notes.push(format!("{name} is left out: {error}"));
+    }
+    if count > SHOWN {
+        notes.splice(SHOWN.., [format!("{} more photos are left out likewise", count - SHOWN)]);
+    }
+    Ok(notes)
 }
 
 /// Whether a photo's name is the listed one, of which an extension may be missing.
@@ -371,18 +327,22 @@ fn is_listed_as(name: &str, listed: &str) -> bool {
     name.strip_prefix(listed).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
-/// The photos of the `requested` folder, or of the first of the `usual` ones that the source has.
+/// The photos of the `requested` folder, or of the first of the usual ones that holds any: whichever format is read,
+/// those of LLFF first where its file is.
 pub(crate) fn list_photos(
     root: &Path,
     photos: &dyn PhotoSource,
     requested: Option<&str>,
-    usual: &[&str],
 ) -> Result<PhotoList, SceneError> {
+    let usual = match root.join("poses_bounds.npy").is_file() {
+        true => ["images_8", "images_4", "images_2", "images", "input", "frames", ""],
+        false => ["images", "images_2", "images_4", "images_8", "input", "frames", ""],
+    };
     let found = match requested {
         // A source without folders cannot have the requested one.
         Some(name) => photos.list(&[&safe_name(root, name)?])?.filter(|list| list.folder.is_some()),
-        None => photos.list(usual)?,
+        None => photos.list(&usual)?,
     };
-    let expected = requested.map_or_else(|| usual.join(", "), str::to_owned);
+    let expected = requested.map_or_else(|| usual[..6].join(", ") + ", or photos beside", str::to_owned);
     found.ok_or_else(|| SceneError::malformed(root, "no photo folder", format!("one of: {expected}")))
 }

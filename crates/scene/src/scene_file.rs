@@ -1,6 +1,7 @@
 //! Reads pose files, checks the photo names they hold, and reads the fields of JSON; errors name the file and
 //! the field.
 
+use std::borrow::Cow;
 use std::path::{Component, Path};
 
 use serde_json::{Map, Value};
@@ -23,9 +24,15 @@ fn read_up_to(limit: u64, path: &Path) -> Result<Vec<u8>, SceneError> {
     bounded::read(path, limit).map_err(|source| SceneError::Read { path: path.to_owned(), source })
 }
 
-/// The UTF-8 text of a file, without a byte order mark.
-pub(crate) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, SceneError> {
+/// The text of a file, UTF-8 or (as PowerShell writes it) UTF-16, without a byte order mark.
+pub(crate) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<Cow<'a, str>, SceneError> {
+    if let [0xFF, 0xFE, pairs @ ..] = bytes {
+        let units = pairs.as_chunks().0.iter().map(|&pair| u16::from_le_bytes(pair));
+        let text: Result<String, _> = char::decode_utf16(units).collect();
+        return text.map(Cow::Owned).map_err(|error| SceneError::malformed(path, error.to_string(), "UTF-16"));
+    }
     std::str::from_utf8(bounded::without_byte_order_mark(bytes))
+        .map(Cow::Borrowed)
         .map_err(|error| SceneError::malformed(path, format!("byte {} is not text", error.valid_up_to()), "UTF-8"))
 }
 
@@ -69,10 +76,12 @@ pub(crate) fn abbreviated(names: &[String]) -> String {
     }
 }
 
-/// Parses a file. JSON has no NaN or Infinity: they are errors, which quote the text around them.
+/// Parses a file, JSON or with what people and Python add: comments, commas after the last value, NaN and Infinity,
+/// which become null. Errors quote the text around them.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
     let text = text(path, bytes)?;
-    serde_json::from_str(text).map_err(|error| {
+    let parsed = serde_json::from_str(&text).or_else(|error| json5::from_str(&text).map_err(|_| error));
+    parsed.map_err(|error: serde_json::Error| {
         let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default().as_bytes();
         // serde_json counts columns in bytes.
         let around = error.column().saturating_sub(80).min(line.len())..(error.column() + 20).min(line.len());
@@ -125,7 +134,10 @@ impl<'a> Fields<'a> {
     pub(crate) fn optional(&self, key: &str) -> Result<Option<f64>, SceneError> {
         match self.get(key) {
             None => Ok(None),
-            Some(value) => value.as_f64().map(Some).ok_or_else(|| self.wrong(key, "a number")),
+            Some(value) => {
+                let number = value.as_f64().or_else(|| value.as_str()?.trim().parse().ok());
+                number.map(Some).ok_or_else(|| self.wrong(key, "a number"))
+            }
         }
     }
 

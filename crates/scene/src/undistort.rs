@@ -14,6 +14,8 @@
 //! (x', y') = (x, y) (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹) / r
 //! ```
 //!
+//! or, by a division model, at the (x', y') of the smaller radius r' for which r = r' / (1 + k1 r'²).
+//!
 //! The result is the pinhole image with the same K and size. Each of its pixels samples the photo
 //! bilinearly at its distorted position, so the model need not be inverted. Positions outside the
 //! photo take the nearest edge pixel.
@@ -23,18 +25,21 @@ use rayon::prelude::*;
 use liveview::geometry::{Camera, CameraError, Intrinsics};
 use liveview::image::{ImageError, ImageRgb};
 
-/// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, and
-/// fisheyes.
+/// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, fisheyes, and division
+/// models.
 pub(super) const PINHOLES: [&str; 6] =
     ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"];
-pub(super) const FISHEYES: [&str; 3] = ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"];
+pub(super) const FISHEYES: [&str; 5] =
+    ["OPENCV_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE"];
+pub(super) const DIVISIONS: [&str; 2] = ["SIMPLE_DIVISION", "DIVISION"];
 
-/// Coefficients of one of OpenCV's models. They apply to rays, so they are independent of the image
-/// size.
+/// Coefficients of a model. They apply to rays, so they are independent of the image size.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Distortion {
     /// Whether the model is the fisheye's, which has k1 to k4 only.
     pub(super) fisheye: bool,
+    /// Whether it is a division model, which has k1 only.
+    pub(super) division: bool,
     /// k1 to k6.
     pub(super) k: [f64; 6],
     /// p1 and p2.
@@ -55,8 +60,14 @@ impl Distortion {
     /// The point (x', y') at z = 1 where the photo shows the pinhole ray (x, y, 1).
     #[inline(always)]
     pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
-        let Self { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] } = *self;
+        let Self { fisheye, division, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] } = *self;
         let r2 = x * x + y * y;
+        if division {
+            // Of the two solutions the one that is 1 at r = 0; rays beyond the model are not bent.
+            let root = 1.0 - 4.0 * k1 * r2;
+            let scale = if root >= 0.0 { 2.0 / (1.0 + root.sqrt()) } else { 1.0 };
+            return (x * scale, y * scale);
+        }
         if fisheye {
             let (r, theta) = (r2.sqrt(), r2.sqrt().atan());
             let theta2 = theta * theta;
@@ -138,7 +149,8 @@ mod tests {
 
     use super::*;
 
-    const LENS: Distortion = Distortion { fisheye: false, k: [0.06, -0.08, 0.01, 0.0, 0.0, 0.0], p: [-0.001, 0.0002] };
+    const LENS: Distortion =
+        Distortion { fisheye: false, division: false, k: [0.06, -0.08, 0.01, 0.0, 0.0, 0.0], p: [-0.001, 0.0002] };
 
     fn camera() -> Camera {
         let k = Intrinsics { fx: 60.0, fy: 50.0, cx: 31.0, cy: 26.0, skew: 2.0 };
@@ -175,7 +187,8 @@ mod tests {
 
     #[test]
     fn distort_matches_values_worked_out_by_hand() {
-        let lens = Distortion { fisheye: false, k: [0.1, 0.01, 0.001, 0.0, 0.0, 0.0], p: [0.02, 0.03] };
+        let lens =
+            Distortion { fisheye: false, division: false, k: [0.1, 0.01, 0.001, 0.0, 0.0, 0.0], p: [0.02, 0.03] };
         // r² = 5: radial = 1 + 0.5 + 0.25 + 0.125 = 1.875.
         // x' = 1.875 + 2·0.02·2 + 0.03·(5 + 2) = 2.165; y' = 3.75 + 0.02·(5 + 8) + 2·0.03·2 = 4.13.
         let (x, y) = lens.distort(1.0, 2.0);
@@ -185,8 +198,9 @@ mod tests {
     #[test]
     fn distort_matches_opencv() {
         // Of `cv2.projectPoints` and `cv2.fisheye.distortPoints`, OpenCV 5.0.
-        let full = Distortion { fisheye: false, k: [0.1, -0.05, 0.01, 0.2, -0.04, 0.006], p: [0.02, 0.03] };
-        let fisheye = Distortion { fisheye: true, k: [0.1, -0.05, 0.02, 0.01, 0.0, 0.0], p: [0.0; 2] };
+        let full =
+            Distortion { fisheye: false, division: false, k: [0.1, -0.05, 0.01, 0.2, -0.04, 0.006], p: [0.02, 0.03] };
+        let fisheye = Distortion { fisheye: true, division: false, k: [0.1, -0.05, 0.02, 0.01, 0.0, 0.0], p: [0.0; 2] };
         for (lens, expected) in [
             (full, (0.402_539_537_034_274_9, -0.291_279_652_775_706_17)),
             (fisheye, (0.378_116_257_789_375_96, -0.283_587_193_342_031_9)),
@@ -195,6 +209,16 @@ mod tests {
             assert!((x - expected.0).abs() < 1e-14 && (y - expected.1).abs() < 1e-14, "{x} {y}");
         }
         assert_eq!(fisheye.distort(0.0, 0.0), (0.0, 0.0));
+    }
+
+    #[test]
+    fn division_model_is_inverted() {
+        for k1 in [-0.2, 0.1] {
+            let lens = Distortion { division: true, k: [k1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Distortion::default() };
+            let (x, y) = lens.distort(0.4, -0.3);
+            let scale = 1.0 / (1.0 + k1 * (x * x + y * y));
+            assert!((x * scale - 0.4).abs() < 1e-14 && (y * scale + 0.3).abs() < 1e-14, "{k1}: {x} {y}");
+        }
     }
 
     #[test]
@@ -208,7 +232,12 @@ mod tests {
     #[test]
     fn huge_coefficients_give_finite_pixels() {
         let k = [1e300, -1e300, 1e308, 1e300, 0.0, -1e308];
-        for huge in [false, true].map(|fisheye| Distortion { fisheye, k, p: [1e300, f64::MAX] }) {
+        for huge in [[false, false], [true, false], [false, true]].map(|[fisheye, division]| Distortion {
+            fisheye,
+            division,
+            k,
+            p: [1e300, f64::MAX],
+        }) {
             let image = undistort(&coordinates(), &camera(), &huge).unwrap();
             assert!(image.data().iter().all(|v| v.is_finite()));
         }

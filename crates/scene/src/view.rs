@@ -1,11 +1,13 @@
 //! A posed photo, made from what a format declares: intrinsics scaled to the photo's size and to
 //! `--width`, the depth range checked. Views are found by name.
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
+use unicode_normalization::UnicodeNormalization;
 
+use crate::photo_folder::ORIENTED;
+use crate::photos::note_left_out;
 use crate::scene_file::abbreviated;
 use crate::{Distortion, Photo, SceneError, SceneOptions};
 use liveview::geometry::{Camera, CameraError, Intrinsics, Size};
@@ -17,13 +19,27 @@ pub(crate) struct DeclaredView {
     pub(crate) photo: Photo,
     pub(crate) intrinsics: Intrinsics,
     pub(crate) size: Size,
-    /// Whether the photo may be of another size, resampled; K is then scaled accordingly.
-    pub(crate) may_be_resampled: bool,
     pub(crate) rotation: DMat3,
     pub(crate) translation: DVec3,
     pub(crate) distortion: Distortion,
     /// Near and far depth in scene units; an invalid range is ignored with a note.
     pub(crate) depth_range: Option<(f64, f64)>,
+}
+
+impl DeclaredView {
+    /// Without distortion and depth range; intrinsics of a photo of that size, `cam_from_world`.
+    pub(crate) fn new(
+        photo: Photo,
+        (intrinsics, size): (Intrinsics, Size),
+        (rotation, translation): (DMat3, DVec3),
+    ) -> Self {
+        Self { photo, intrinsics, size, rotation, translation, distortion: Distortion::default(), depth_range: None }
+    }
+}
+
+/// `cam_from_world` of a camera with these axes, in the columns OpenCV's, and this centre, in the world.
+pub(crate) fn seen_from(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
+    (axes.transpose(), -(axes.transpose() * centre))
 }
 
 /// The result of a format's reader.
@@ -32,12 +48,18 @@ pub(crate) struct DeclaredViews {
     pub(crate) cameras: PathBuf,
     pub(crate) views: Vec<DeclaredView>,
     pub(crate) notes: Vec<String>,
+    /// Names of the photos that are targets only ([`View::held_out`]).
+    pub(crate) held_out: Vec<String>,
+    /// Median reprojection error of tracked points, pixels.
+    pub(crate) reprojection_error: Option<f64>,
 }
+
+/// Photos of more pixels are reduced to as many by default, with which a picture takes some 2 GB of memory.
+const MAX_PIXELS: f64 = 2.4e6;
 
 /// Largest relative difference of declared and actual aspect ratio at which intrinsics are
 /// rescaled.
 const ASPECT_TOLERANCE: f64 = 0.01;
-
 /// One posed photo.
 #[derive(Debug, Clone)]
 pub struct View {
@@ -48,6 +70,9 @@ pub struct View {
     pub camera: Camera,
     /// Near and far depth in scene units, if the format has them; 0 < near < far.
     pub depth_range: Option<(f64, f64)>,
+    /// Whether it is a target only, and no picture may be rendered from it: a photo of Blender's
+    /// `transforms_test.json`.
+    pub held_out: bool,
     /// The photo in its source.
     pub(crate) photo: Photo,
     /// At the photo's own size.
@@ -67,10 +92,15 @@ impl View {
     }
 
     /// The model of the lens distortion that [`Scene::load_image`](crate::Scene::load_image) removes,
-    /// `FULL_OPENCV` or `OPENCV_FISHEYE`, with names and values of its coefficients, all 0 for a
-    /// pinhole camera.
+    /// `FULL_OPENCV`, `OPENCV_FISHEYE` or `DIVISION`, with names and values of its coefficients, all 0
+    /// for a pinhole camera.
     pub fn distortion(&self) -> (&'static str, [(&'static str, f64); 8]) {
-        (if self.distortion.fisheye { "OPENCV_FISHEYE" } else { "FULL_OPENCV" }, self.distortion.fields())
+        let model = match self.distortion {
+            Distortion { division: true, .. } => "DIVISION",
+            Distortion { fisheye: true, .. } => "OPENCV_FISHEYE",
+            _ => "FULL_OPENCV",
+        };
+        (model, self.distortion.fields())
     }
 }
 
@@ -81,29 +111,48 @@ struct Changes {
     rescaled: Vec<String>,
     undistorted: Vec<String>,
     shrunk: Vec<String>,
+    bounded: Vec<String>,
+    unscaled: Vec<String>,
     invalid_range: Vec<String>,
 }
 
-/// The views in order of their names, and the notes.
+/// The views in order of their names, and the notes. Unless `all` are needed, the few that are not usable are left
+/// out.
 pub(crate) fn from_declared(
     found: DeclaredViews,
     options: &SceneOptions,
+    all: bool,
 ) -> Result<(Vec<View>, Vec<String>), SceneError> {
-    let DeclaredViews { cameras, views: mut declared, mut notes } = found;
+    let DeclaredViews { cameras, views: mut declared, mut notes, held_out, .. } = found;
     if declared.is_empty() {
         return Err(SceneError::NoViews { path: cameras });
     }
     declared.sort_by(|a, b| a.photo.name.cmp(&b.photo.name));
+    let mut twice = Vec::new();
+    declared.dedup_by(|next, view| {
+        let is_same = !all && view.photo.name == next.photo.name;
+        let is_same = is_same && (view.rotation, view.translation) == (next.rotation, next.translation);
+        twice.extend(is_same.then(|| next.photo.name.clone()));
+        is_same
+    });
     if let Some(pair) = declared.windows(2).find(|pair| pair[0].photo.name == pair[1].photo.name) {
         let what = format!("\"{}\" is listed twice", pair[0].photo.name);
         return Err(SceneError::malformed(cameras, what, "each photo once"));
     }
+    if !twice.is_empty() {
+        notes.push(format!("listed twice with the same pose, read once: {}", abbreviated(&twice)));
+    }
     let prefix = shared_folder_len(&declared);
-    let mut changes = Changes::default();
-    let views = declared
-        .into_iter()
-        .map(|declared| view(&cameras, declared, prefix, options, &mut changes))
-        .collect::<Result<Vec<_>, _>>()?;
+    let (mut changes, mut views, mut left_out) = (Changes::default(), Vec::new(), Vec::new());
+    for declared in declared {
+        let name = declared.photo.name.clone();
+        match view(&cameras, declared, prefix, (options, !all), &mut changes) {
+            Ok(view) => views.push(View { held_out: held_out.contains(&name), ..view }),
+            Err(error) if all => return Err(error),
+            Err(error) => left_out.push((name, error)),
+        }
+    }
+    notes.extend(note_left_out(left_out, views.len())?);
     changes.add_notes(&mut notes);
     Ok((views, notes))
 }
@@ -120,18 +169,30 @@ fn view(
     cameras: &Path,
     declared: DeclaredView,
     prefix: usize,
-    options: &SceneOptions,
+    (options, may_scale): (&SceneOptions, bool),
     changes: &mut Changes,
 ) -> Result<View, SceneError> {
     let DeclaredView { photo, intrinsics, rotation, translation, distortion, depth_range, .. } = declared;
-    let name = photo.name[prefix..].to_owned();
+    let name: String = photo.name[prefix..].nfc().collect();
     let refused = |source: CameraError| SceneError::Camera { path: cameras.to_owned(), image: name.clone(), source };
-    let (actual, may_scale, declared) = (photo.size, declared.may_be_resampled, declared.size);
+    let (actual, declared) = (photo.size, declared.size);
     if declared != actual && !(may_scale && same_aspect(declared, actual)) {
+        if photo.ignored.contains(&ORIENTED) && same_aspect(declared, Size::new(actual.height, actual.width)) {
+            return Err(SceneError::Oriented { path: photo.path, actual, declared });
+        }
         return Err(SceneError::ImageSize { path: photo.path, actual, declared_in: cameras.to_owned(), declared });
     }
-    let mut native =
-        Camera::new(intrinsics, declared.width, declared.height, rotation, translation).map_err(refused)?;
+    let posed = |rotation, translation| Camera::new(intrinsics, declared.width, declared.height, rotation, translation);
+    // Some programs leave the scale of the scene in the axes.
+    let scale = rotation.determinant().cbrt();
+    let unscaled = |error| {
+        if scale <= 0.0 {
+            return Err(error);
+        }
+        let unscaled = posed(rotation * scale.recip(), translation / scale).map_err(|_| error);
+        unscaled.inspect(|_| changes.unscaled.push(format!("{name} (by {scale:.4})")))
+    };
+    let mut native = posed(rotation, translation).or_else(unscaled).map_err(refused)?;
     if declared != actual {
         native = native.with_size_scaled(actual.width, actual.height).map_err(refused)?;
         changes.rescaled.push(format!("{name} {declared} → {actual}"));
@@ -141,17 +202,28 @@ fn view(
         changes.undistorted.push(name.clone());
     }
     let mut camera = native.clone();
-    if let Some(width) = options.width.filter(|&width| width < actual.width) {
+    let excess = actual.pixels() as f64 / MAX_PIXELS;
+    let most = if excess > 1.0 { (actual.width as f64 / excess.sqrt()) as usize } else { usize::MAX };
+    let width = options.width.unwrap_or(most).max(1);
+    if width < actual.width {
         let height = (actual.height as f64 * width as f64 / actual.width as f64).round().max(1.0) as usize;
         camera = native.with_size_scaled(width, height).map_err(refused)?;
-        changes.shrunk.push(format!("{name} {actual} → {width}x{height}"));
+        if options.width.is_some() {
+            changes.shrunk.push(format!("{name} {actual} → {width}x{height}"));
+        } else {
+            let gigabytes = 2.0 * excess;
+            changes.bounded.push(format!(
+                "{name} {actual} → {width}x{height} (width {} would take some {gigabytes:.0} GB and {excess:.0} times as long)",
+                actual.width
+            ));
+        }
     }
     let usable = |&(near, far): &(f64, f64)| far.is_finite() && uniform_disparities(near, far, 2).is_ok();
     let usable_range = depth_range.filter(usable);
     if let (Some((near, far)), None) = (depth_range, usable_range) {
         changes.invalid_range.push(format!("{name} ({near:?} to {far:?})"));
     }
-    Ok(View { name, camera, depth_range: usable_range, photo, native, distortion })
+    Ok(View { name, camera, depth_range: usable_range, held_out: false, photo, native, distortion })
 }
 
 /// Whether one size can be the other resampled: aspect ratios equal within 1 %, or heights within
@@ -168,6 +240,8 @@ impl Changes {
             ("intrinsics scaled from the declared to the actual image size", &self.rescaled),
             ("photos undistorted on load (edge pixels repeated)", &self.undistorted),
             ("photos and intrinsics scaled down on load", &self.shrunk),
+            ("large photos scaled down, so that a picture takes some 2 GB of memory", &self.bounded),
+            ("scaled axes of the pose normalised", &self.unscaled),
         ];
         for (change, names) in changes {
             match names.as_slice() {
@@ -186,16 +260,27 @@ impl Changes {
 /// Number of similar names that an error lists.
 const LISTED_NAMES: usize = 3;
 
-/// Index of the view with this name, file name, or file name without extension.
+/// Index of the view with this name, this name without extension, file name, file name without extension, timestamp
+/// (RealEstate10K's files may have `us` after it), or end of that name after a space or a sign.
 pub(crate) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> {
-    let names: [fn(&Path) -> Option<&OsStr>; 3] = [|path| Some(path.as_os_str()), Path::file_name, Path::file_stem];
+    let name: &str = &name.strip_prefix("./").unwrap_or(name).nfc().collect::<String>();
+    let stem = |view: &View| Path::new(&view.name).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let ends =
+        |stem: String| stem.strip_suffix(name).is_some_and(|rest| rest.ends_with(|c: char| !c.is_alphanumeric()));
+    let is_named: [&dyn Fn(&View) -> bool; 6] = [
+        &|view| view.name == name,
+        &|view| Path::new(&view.name).with_extension("") == Path::new(name),
+        &|view| Path::new(&view.name).file_name() == Some(name.as_ref()),
+        &|view| stem(view).as_deref() == Some(name),
+        &|view| stem(view).is_some_and(|stem| stem.strip_suffix("us") == Some(name)),
+        &|view| !name.is_empty() && stem(view).is_some_and(ends),
+    ];
     let unknown = |reason: &str, closest: Vec<&str>| {
         let (count, closest) = (views.len(), closest.join(", "));
         SceneError::UnknownView(format!("{reason} \"{name}\" among the {count} views; closest: {closest}"))
     };
-    for name_of in names {
-        let is_named = |&view: &usize| name_of(views[view].name.as_ref()) == Some(name.as_ref());
-        let matches: Vec<usize> = (0..views.len()).filter(is_named).collect();
+    for is_named in is_named {
+        let matches: Vec<usize> = (0..views.len()).filter(|&view| is_named(&views[view])).collect();
         match matches.as_slice() {
             [] => {}
             [index] => return Ok(*index),
@@ -206,22 +291,7 @@ pub(crate) fn index_of(views: &[View], name: &str) -> Result<usize, SceneError> 
         }
     }
     let mut closest: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
-    closest.sort_by_key(|view| edit_distance(view, name));
+    closest.sort_by_key(|view| strsim::levenshtein(view, name));
     closest.truncate(LISTED_NAMES);
     Err(unknown("no view is named", closest))
-}
-
-/// Levenshtein distance, to suggest names similar to a misspelt one.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.bytes().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.bytes().enumerate() {
-            let above = row[j + 1];
-            row[j + 1] = (diagonal + usize::from(x != y)).min(above + 1).min(row[j] + 1);
-            diagonal = above;
-        }
-    }
-    row[b.len()]
 }

@@ -30,9 +30,9 @@ use std::path::{Path, PathBuf};
 use std::{fmt, io};
 
 use ndarray::{Array, Array0, Array1, Array2, ArrayView1, Dimension, aview0};
-use ndarray_npy::{NpzWriter, ViewElement, WriteNpzError};
 use sha2::{Digest, Sha256};
 use zip::ZipArchive;
+use zip::result::ZipResult;
 
 use crate::PhotoDisparity;
 use crate::aggregate::{EDGE_CONTRAST, JUMP_PENALTY, STEP_PENALTY};
@@ -197,12 +197,12 @@ fn max_bytes(key: &DepthKey) -> u64 {
 }
 
 /// The bytes of the file of a depth.
-fn write(key: &DepthKey, depth: &PhotoDisparity) -> Result<Vec<u8>, WriteNpzError> {
-    let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
-    arrays.add_array("key", &ArrayView1::from(&key.digest))?;
-    arrays.add_array("pixel", &aview0(&depth.disparity_per_pixel))?;
-    arrays.add_array("disparity", &depth.disparity)?;
-    Ok(arrays.finish()?.into_inner())
+fn write(key: &DepthKey, depth: &PhotoDisparity) -> ZipResult<Vec<u8>> {
+    npy::npz([
+        ("key", npy::bytes(&ArrayView1::from(&key.digest))),
+        ("pixel", npy::bytes(&aview0(&depth.disparity_per_pixel))),
+        ("disparity", npy::bytes(&depth.disparity)),
+    ])
 }
 
 /// The depth of this key, from the bytes of a file. Nothing is unpacked beyond the size given by
@@ -229,7 +229,7 @@ fn read(bytes: &[u8], key: &DepthKey) -> Result<PhotoDisparity, String> {
 }
 
 /// An array of the archive, of at most `size` bytes; row by row, whichever order it was stored in.
-fn array<T: ViewElement + Clone, D: Dimension>(
+fn array<T: npy::Element, D: Dimension>(
     archive: &mut ZipArchive<Cursor<&[u8]>>,
     name: &str,
     expected: &str,
@@ -242,7 +242,7 @@ fn array<T: ViewElement + Clone, D: Dimension>(
     if bytes.len() as u64 > limit {
         return Err(wrong(format!("more than {limit} bytes")));
     }
-    Ok(npy::view::<T, D>(&bytes).map_err(wrong)?.as_standard_layout().into_owned())
+    npy::read(&bytes).map_err(wrong)
 }
 
 /// Refuses values that no search can have found.

@@ -124,15 +124,27 @@ const SAME_COLOUR: f32 = 0.7;
 /// Only every so-many-th row is counted.
 const ROW_STEP: usize = 4;
 
+/// Largest difference from the background of what shows it, in each channel: its exposure may be balanced.
+const BACKGROUND_TOLERANCE: f32 = 0.04;
+
 /// How many pixels at least two photos see, on the middle one of layers along the surface, and on how many of
-/// these they agree; `batch` holds all layers, and its logits are those of [`ViewAgreement`].
-fn seen_and_agreeing(batch: &Batch<'_>) -> (usize, usize) {
+/// these they agree; `batch` holds all layers, and its logits are those of [`ViewAgreement`]. Pixels where a photo
+/// shows the background of transparent pixels do not count.
+fn seen_and_agreeing(batch: &Batch<'_>, background: Option<[f32; 3]>) -> (usize, usize) {
     let middle = batch.logits.len_of(Axis(0)) / 2;
     let (logits, coverage) = (batch.logits.index_axis(Axis(0), middle), batch.coverage.index_axis(Axis(0), middle));
     let (mut seen, mut agreeing) = (0, 0);
     for (y, row) in logits.index_axis(Axis(0), 0).outer_iter().enumerate().step_by(ROW_STEP) {
         for (x, &logit) in row.iter().enumerate() {
-            let views = (0..coverage.len_of(Axis(0))).filter(|&view| coverage[(view, y, x)] > 0.5).count();
+            let seeing = || (0..coverage.len_of(Axis(0))).filter(|&view| coverage[(view, y, x)] > 0.5);
+            let is_background = |view: usize, colour: [f32; 3]| {
+                let value = |channel: usize| batch.hwv[(middle, 3 * view + channel, y, x)];
+                (0..3).all(|channel| (value(channel) - colour[channel]).abs() < BACKGROUND_TOLERANCE)
+            };
+            if background.is_some_and(|colour| seeing().any(|view| is_background(view, colour))) {
+                continue;
+            }
+            let views = seeing().count();
             seen += usize::from(views > 1);
             agreeing += usize::from(views > 1 && logit > 2.0 * SAME_COLOUR);
         }
@@ -156,9 +168,10 @@ pub fn render(
     // The renderer shows up to three layers at once.
     let is_measured = without_network && plan.surface.is_some() && plan.layers.len() <= 3;
     let (mut seen, mut agreeing) = (0, 0);
+    let background = synthesizer.scene().background();
     let mut count = |batch: &Batch<'_>| {
         observe(batch);
-        let found = if is_measured { seen_and_agreeing(batch) } else { (0, 0) };
+        let found = if is_measured { seen_and_agreeing(batch, background) } else { (0, 0) };
         (seen, agreeing) = (seen + found.0, agreeing + found.1);
     };
     let frame = synthesizer.render_plan(shot, plan, Some(&mut count))?;

@@ -63,9 +63,10 @@ impl SceneViews {
         views.iter().map(|&view| self.scene.views[view].name.as_str()).collect()
     }
 
-    /// All views but those held out.
+    /// All views but those held out, here or by the scene.
     pub(crate) fn all_but(&self, held_out: &[usize]) -> Vec<usize> {
-        (0..self.scene.views.len()).filter(|view| !held_out.contains(view)).collect()
+        let views = self.scene.views.iter().enumerate();
+        views.filter(|(view, found)| !found.held_out && !held_out.contains(view)).map(|(view, _)| view).collect()
     }
 
     /// Indices of the `count` views to render the target from, nearest first, without those held out
@@ -151,7 +152,10 @@ impl SceneViews {
         helpers: usize,
         given: Option<(f64, f64)>,
     ) -> Result<Vec<Shot>, SynthesisError> {
-        let held_out = &targets.held_out;
+        let mut held_out = targets.held_out.clone();
+        let of_scene = self.scene.held_out();
+        held_out.extend(of_scene.into_iter().filter(|view| !targets.held_out.contains(view)));
+        let held_out = &held_out;
         let mut kept = Vec::new();
         let mut choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
             let choose = |count| self.choose(&target.name, &target.camera, held_out, count, &kept);

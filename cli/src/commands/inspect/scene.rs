@@ -45,6 +45,10 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
     text += &section;
     let (section, rig) = rig(&scene.views);
     text += &section;
+    if let Some(error) = scene.reprojection_error {
+        let _ =
+            writeln!(text, "points     tracked points lie {error:.2} pixels from where the poses show them (median)");
+    }
     let (section, mut target_json) = target_section(photos, target, views, args.layers.as_ref())?;
     text += &section;
     if args.exposure && target_json["warning"].is_null() {
@@ -67,6 +71,7 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
     let json = json!({
         "scene": path_text(&scene.root), "format": scene.format.to_string(), "conventions": scene.format.conventions(),
         "views": views_json, "rig": rig, "target": target_json, "notes": scene.notes,
+        "reprojection_error": scene.reprojection_error,
     });
     Ok(Output { text, json })
 }

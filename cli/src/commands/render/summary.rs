@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::args::numbers::FrameRange;
 use crate::args::{has_extension, write_atomically};
-use crate::console::{Output, escaped, path_text};
+use crate::console::{Output, counted, escaped, path_text};
 use crate::job::{Job, Times, time_text};
 
 /// Names listed in one line.
@@ -124,7 +124,8 @@ fn heading(job: &Job, done: &[Rendered], what: &str) -> String {
     let near = done.iter().map(|one| one.shot.near).fold(f64::INFINITY, f64::min);
     let far = done.iter().map(|one| one.shot.far).fold(0.0, f64::max);
     let (size, layers) = (format!("{}x{}", first.target.width(), first.target.height()), job.synthesizer.layers());
-    format!("{what}, {size}, from {} views, {layers}, depth {near:.4} to {far:.4} scene units\n", first.views.len())
+    let views = counted(first.views.len(), "view");
+    format!("{what}, {size}, from {views}, {layers}, depth {near:.4} to {far:.4} scene units\n")
 }
 
 /// The shares of uncovered and occluded pixels, and the files.

@@ -80,9 +80,19 @@ class Scene:
     """Posed photos: from a folder, or by `from_arrays`.
 
     A folder in one of the formats that the program reads, or a `transforms.json`. Photos wider than
-    `width` pixels are scaled down to it; `images` names the photos' folder."""
+    `width` pixels are scaled down to it, by default those of more than 2.4 megapixels to that;
+    `images` names the photos' folder, `format` one of several formats in it; `exif_rotate` turns
+    photos by their EXIF orientation."""
 
-    def __init__(self, path: str | PathLike[str], *, width: int | None = None, images: str | None = None) -> None: ...
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        width: int | None = None,
+        images: str | None = None,
+        format: str | None = None,
+        exif_rotate: bool = False,
+    ) -> None: ...
     @staticmethod
     def from_arrays(
         photos: ArrayLike | Sequence[ArrayLike],
@@ -318,9 +328,7 @@ def bake(
     out, a line each. `max_mb`: its largest size in millions of bytes. `held_out`: views to compare
     with, by name or index. `near`, `far`: depth range, scene units, by default the scene's."""
 
-def choose_views(
-    cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()
-) -> list[int]:
+def choose_views(cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()) -> list[int]:
     """Indices of the `count` cameras to render the target from, nearest first: those that show it,
     from all sides; of those in `kept` (indices) the cost is a tenth lower."""
 

@@ -3,7 +3,7 @@
 //! A camera is an object `{"transform_matrix": 4x4 world from camera, OpenGL axes}` or
 //! `{"cam_from_world": 3x4 or 4x4, OpenCV axes}`, with `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
 //! (pixels) where they differ from those of the nearest view, w and h together. The file contains
-//! one such object or a list of them, or a camera path of nerfstudio's viewer.
+//! one such object or a list of them, a `transforms.json`, or a camera path of nerfstudio's viewer.
 //!
 //! Nerfstudio's camera paths: `{"camera_type": "perspective", "render_width", "render_height",
 //! "camera_path": [{"camera_to_world": 16 numbers, row by row, OpenGL axes, "fov": vertical field
@@ -53,13 +53,15 @@ pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<Came
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
     let file = read_json(path)?;
     let path_frames = nerfstudio_frames(&file);
-    let list = path_frames.or(file.as_array());
+    let frames = file.get("frames").and_then(Value::as_array);
+    let list = path_frames.or(frames).or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
         return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
     }
     let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose()?;
     let read = |entry| match &axes {
+        None if frames.is_some() => camera_of_frame(&file, entry, views),
         None => camera_from_json(entry, views),
         Some(None) => nerfstudio_camera(&file, entry),
         Some(Some(axes)) => axes.camera(&nerfstudio_camera(&file, entry)?).map_err(|error| error.to_string()),
@@ -126,6 +128,17 @@ pub fn camera_from_json(entry: &Value, views: &[&Camera]) -> Result<Camera, Stri
     Camera::new(intrinsics, sized.width(), sized.height(), rotation, translation).map_err(text)
 }
 
+/// The camera of a frame of a `transforms.json`.
+fn camera_of_frame(file: &Value, frame: &Value, views: &[&Camera]) -> Result<Camera, String> {
+    let field = |key: &str| frame.get(key).or_else(|| file.get(key)).filter(|value| !value.is_null());
+    let fields = KEYS.iter().filter_map(|key| Some(((*key).to_owned(), field(key)?.clone())));
+    let camera = camera_from_json(&Value::Object(fields.collect()), views)?;
+    match field("camera_angle_x").and_then(Value::as_f64).filter(|_| field("fl_x").is_none()) {
+        Some(angle) => camera.with_field_of_view(angle.to_degrees()).map_err(|error| error.to_string()),
+        None => Ok(camera),
+    }
+}
+
 /// Why a file of cameras was refused.
 #[derive(Debug, thiserror::Error)]
 #[error("{}{}: {reason}", path.display(), index.map(|index| format!(": camera {index}")).unwrap_or_default())]
@@ -172,7 +185,10 @@ pub(crate) fn json_numbers<const N: usize>(list: &Value) -> Option<[f64; N]> {
 
 /// The 3×3 part and the last column of a 4×4 matrix; the last row may be missing where `rows` is 3.
 pub(crate) fn split_json_matrix(matrix: &Value, rows: usize) -> Option<(DMat3, DVec3)> {
-    let mut found: Vec<[f64; 4]> = matrix.as_array()?.iter().map(json_numbers).collect::<Option<_>>()?;
+    let list = matrix.as_array()?;
+    // Some programs write the numbers in one row.
+    let flat = || list.chunks(4).map(|row| json_numbers(&Value::from(row))).collect();
+    let mut found: Vec<[f64; 4]> = list.iter().map(json_numbers).collect::<Option<_>>().or_else(flat)?;
     if found.len() == 3 && rows == 3 {
         found.push([0.0, 0.0, 0.0, 1.0]);
     }

@@ -1,5 +1,5 @@
-//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text, in `sparse/0`,
-//! `sparse`, or the folder itself.
+//! COLMAP sparse models: `cameras`, `images` and `points3D`, binary or text, in a numbered folder of `sparse`, in
+//! `sparse`, or in the folder itself; of several the one with most photos.
 //!
 //! Conventions are those of COLMAP's "Output Format" page: poses are `cam_from_world` (quaternion w
 //! x y z, then t), OpenCV axes; intrinsics are in pixels with the first pixel's centre at (0.5,
@@ -11,13 +11,14 @@
 //! means that poses and photos do not belong together.
 
 use std::collections::{HashMap, HashSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::photos::{PhotoLookup, list_photos};
 use crate::scene_file::{self, abbreviated, safe_name};
-use crate::undistort::{FISHEYES, PINHOLES};
+use crate::undistort::{DIVISIONS, FISHEYES, PINHOLES};
 use crate::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::{Camera, Intrinsics, Size};
 
@@ -27,15 +28,30 @@ pub(crate) mod text;
 /// Tracked points that a view needs for a depth range.
 const MIN_POINTS: usize = 8;
 
-/// Where a sparse model may lie, in order of precedence.
-const MODEL_FOLDERS: [&str; 4] = ["sparse/0", "sparse", "", "colmap/sparse/0"];
+/// Where a sparse model, or several in numbered folders, may lie, in order of precedence.
+const MODEL_FOLDERS: [&str; 4] = ["sparse", "", "colmap/sparse", "distorted/sparse"];
 
-/// The folder of the sparse model, and its format.
-pub(crate) fn model_folder(root: &Path) -> Option<(PathBuf, ModelFormat)> {
-    MODEL_FOLDERS.map(|folder| root.join(folder)).into_iter().find_map(|folder| {
-        let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
-        Some((folder, format))
-    })
+/// The folders of the sparse models, and their formats.
+fn model_folders(root: &Path) -> Vec<(PathBuf, ModelFormat)> {
+    let models_in = |folder: &str| -> Vec<(PathBuf, ModelFormat)> {
+        let numbered = fs::read_dir(root.join(folder)).into_iter().flatten().flatten().map(|entry| entry.path());
+        let is_number =
+            |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().parse::<u32>().is_ok());
+        let mut folders: Vec<PathBuf> = numbered.filter(is_number).collect();
+        folders.sort();
+        folders.push(root.join(folder));
+        let model = |folder: PathBuf| {
+            let format = [binary::FORMAT, text::FORMAT].into_iter().find(|format| format.is_in(&folder))?;
+            Some((folder, format))
+        };
+        folders.into_iter().filter_map(model).collect()
+    };
+    MODEL_FOLDERS.into_iter().map(models_in).find(|models| !models.is_empty()).unwrap_or_default()
+}
+
+/// Whether a folder holds a sparse model.
+pub(crate) fn is_in(root: &Path) -> bool {
+    !model_folders(root).is_empty()
 }
 
 /// The folder of a sparse model that lacks files, if there is one.
@@ -43,23 +59,69 @@ pub(crate) fn incomplete_model(root: &Path) -> Option<&'static str> {
     MODEL_FOLDERS.into_iter().find(|folder| !folder.is_empty() && root.join(folder).is_dir())
 }
 
+/// The sparse model with most photos, and its file of these.
+pub(crate) fn read(root: &Path) -> Result<(Model, PathBuf), SceneError> {
+    let folders = model_folders(root);
+    let count = folders.len();
+    let (mut best, mut failed) = (None, None);
+    for (folder, format) in folders {
+        match format.read(&folder) {
+            Ok(model) if best.as_ref().is_none_or(|(best, _): &(Model, _)| best.images.len() < model.images.len()) => {
+                best = Some((model, format.file(&folder, "images")));
+            }
+            Ok(_) => {}
+            Err(error) => failed = failed.or(Some(error)),
+        }
+    }
+    let none = || SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt");
+    let (mut model, images) = best.ok_or_else(|| failed.unwrap_or_else(none))?;
+    if count > 1 {
+        let folder =
+            images.parent().and_then(|folder| folder.strip_prefix(root).ok()).unwrap_or(Path::new("")).display();
+        model.notes.push(format!("{count} COLMAP models: {folder} has most photos and is read"));
+    }
+    Ok((model, images))
+}
+
 pub(crate) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    let Some((folder, format)) = model_folder(root) else {
-        return Err(SceneError::malformed(root, "no COLMAP model", "sparse/0 with cameras and images, .bin or .txt"));
-    };
-    let model = format.read(&folder)?;
-    let listed_in = format.file(&folder, "images");
-    let list = list_photos(root, photos, options.images.as_deref(), &["images", "images_2", "images_4", "images_8"])?;
+    let (mut model, listed_in) = read(root)?;
+    let list = list_photos(root, photos, options.images.as_deref())?;
+    rename_in_order(&mut model, &list, photos)?;
     let mut found = views(&model, &list, PhotoLookup::new(photos, &listed_in))?;
     found.notes.extend(unregistered(&list, &found.views));
     Ok(found)
 }
 
+/// LLFF names reduced copies by their number: where no name of the model is in a folder, its photos are taken in the
+/// order of the names of those in `images`, or of the model's.
+fn rename_in_order(model: &mut Model, list: &PhotoList, photos: &dyn PhotoSource) -> Result<(), SceneError> {
+    let stem = |name: &str| Path::new(name).with_extension("");
+    let stems: HashSet<PathBuf> = list.names.iter().map(|name| stem(name)).collect();
+    let is_reduced = list.folder.as_deref().is_some_and(|folder| folder.starts_with("images_"));
+    if !is_reduced || model.images.iter().any(|image| stems.contains(&stem(&image.name))) {
+        return Ok(());
+    }
+    let mut names: Vec<String> = photos.list(&["images"])?.map(|list| list.names).unwrap_or_default();
+    if names.len() != list.names.len() {
+        names = model.images.iter().map(|image| image.name.clone()).collect();
+        names.sort();
+    }
+    if names.len() == list.names.len() {
+        let renamed: HashMap<&String, &String> = names.iter().zip(&list.names).collect();
+        model.images.iter_mut().for_each(|image| {
+            if let Some(name) = renamed.get(&image.name) {
+                image.name.clone_from(name);
+            }
+        });
+        model.notes.push("the photos' names are not the model's: taken in the order of the names".to_owned());
+    }
+    Ok(())
+}
+
 /// Views of the listed photos.
 pub(crate) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
     let listed_in = lookup.listed_in;
-    // Downscaled copies differ in size from the model's photos, and may differ in extension.
-    let downscaled = list.folder.as_deref().filter(|&folder| folder != "images");
+    let elsewhere = list.folder.as_deref().filter(|&folder| !["images", ""].contains(&folder));
     let mut errors = Vec::new();
     for image in &model.images {
         let Some(lens) = model.lenses.get(&image.camera) else {
@@ -70,42 +132,21 @@ pub(crate) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>
         let Some(photo) = lookup.find(&list.with_folder(&name))? else { continue };
         let (depths, view_errors) = depths_and_errors(image, lens, &model.points);
         errors.extend(view_errors);
-        lookup.views.push(DeclaredView {
-            photo,
-            intrinsics: lens.intrinsics,
-            size: lens.size,
-            may_be_resampled: downscaled.is_some(),
-            rotation: image.rotation,
-            translation: image.translation,
-            distortion: lens.distortion,
-            depth_range: depth_range(depths),
-        });
+        let view = DeclaredView::new(photo, (lens.intrinsics, lens.size), (image.rotation, image.translation));
+        lookup.views.push(DeclaredView { distortion: lens.distortion, depth_range: depth_range(depths), ..view });
     }
     let mut found = lookup.finish()?;
-    found.notes.extend(downscaled.map(|folder| format!("photos are read from {folder}")));
-    found.notes.extend(reprojection_note(errors));
+    found.notes.extend(model.notes.iter().cloned());
+    found.notes.extend(elsewhere.map(|folder| format!("photos are read from {folder}")));
+    errors.sort_by(f64::total_cmp);
+    found.reprojection_error = errors.get(errors.len() / 2).copied();
+    if let Some(median) = found.reprojection_error.filter(|median| *median > 2.0) {
+        found.notes.push(format!("median reprojection error {median:.2} px: poses or photos may not belong together"));
+    }
     if model.points.is_empty() {
         found.notes.push("no points3D, which would give the depth range".to_owned());
     }
     Ok(found)
-}
-
-/// What a model says of one of its photos.
-pub(crate) struct Seen {
-    /// Centre of its camera, in units of the model.
-    pub(crate) centre: DVec3,
-    /// Range of the depths of its points.
-    pub(crate) range: Option<(f64, f64)>,
-}
-
-/// What a model says of its photos, by name.
-pub(crate) fn seen(model: &Model) -> HashMap<&str, Seen> {
-    let seen = model.images.iter().filter_map(|image| {
-        let (depths, _) = depths_and_errors(image, model.lenses.get(&image.camera)?, &model.points);
-        let centre = -(image.rotation.transpose() * image.translation);
-        Some((image.name.as_str(), Seen { centre, range: depth_range(depths) }))
-    });
-    seen.collect()
 }
 
 /// The note on photos that COLMAP did not register.
@@ -129,7 +170,7 @@ fn depths_and_errors(image: &Registered, lens: &Lens, points: &HashMap<u64, DVec
 }
 
 /// Near and far depth with a margin, in scene units; `None` for fewer than [`MIN_POINTS`].
-pub(crate) fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
+fn depth_range(mut depths: Vec<f64>) -> Option<(f64, f64)> {
     if depths.len() < MIN_POINTS {
         return None;
     }
@@ -142,14 +183,6 @@ fn percentile(sorted: &[f64], fraction: f64) -> f64 {
     let rank = fraction * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[rank as usize], sorted[rank.ceil() as usize]);
     low + (high - low) * rank.fract()
-}
-
-/// The note on the reprojection errors (pixels) of all views.
-fn reprojection_note(mut errors: Vec<f64>) -> Option<String> {
-    errors.sort_by(f64::total_cmp);
-    let median = errors.get(errors.len() / 2)?;
-    let warning = if *median > 2.0 { ": poses or photos may not belong together" } else { "" };
-    Some(format!("median reprojection error of {} tracked points: {median:.2} px{warning}", errors.len()))
 }
 
 /// The intrinsics and distortion of one of the model's cameras, and the size of its photos in
@@ -178,6 +211,7 @@ pub(crate) struct Model {
     pub(crate) lenses: HashMap<u32, Lens>,
     pub(crate) images: Vec<Registered>,
     pub(crate) points: HashMap<u64, DVec3>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Adds the contents of one file, given its path and bytes, to a model.
@@ -205,8 +239,16 @@ impl ModelFormat {
         let mut model = Model::default();
         for (name, parse) in [("cameras", self.cameras), ("images", self.images), ("points3D", self.points)] {
             let path = self.file(folder, name);
-            if name != "points3D" || path.is_file() {
-                parse(&path, &scene_file::read(&path)?, &mut model)?;
+            if name == "points3D" && !path.is_file() {
+                continue;
+            }
+            match scene_file::read(&path).and_then(|bytes| parse(&path, &bytes, &mut model)) {
+                // Only the range of depths needs the points.
+                Err(error) if name == "points3D" => {
+                    model.points.clear();
+                    model.notes.push(format!("its points are not used: {error}"));
+                }
+                parsed => parsed?,
             }
         }
         Ok(model)
@@ -214,7 +256,7 @@ impl ModelFormat {
 }
 
 /// Camera models and their numbers of parameters, indexed by the model number in binary files.
-pub(crate) const MODELS: [(&str, usize); 12] = [
+pub(crate) const MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -227,13 +269,19 @@ pub(crate) const MODELS: [(&str, usize); 12] = [
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
+    ("EQUIRECTANGULAR", 2),
 ];
 
 /// A lens from a camera model's name and parameters; an error for unsupported models.
 pub(crate) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> Result<Lens, SceneError> {
-    let fisheye = FISHEYES.contains(&model);
-    if !fisheye && !PINHOLES.contains(&model) {
-        let read = [&PINHOLES[..], &FISHEYES].concat().join(", ");
+    let (fisheye, division) = (FISHEYES.contains(&model), DIVISIONS.contains(&model));
+    if !fisheye && !division && !PINHOLES.contains(&model) {
+        let read = [&PINHOLES[..], &FISHEYES, &DIVISIONS].concat().join(", ");
         let hint = format!("run COLMAP's image_undistorter first, or use {read}");
         return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
     }
@@ -251,8 +299,8 @@ pub(crate) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> 
     coefficients[..given.len()].copy_from_slice(given);
     let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
     let distortion = match fisheye {
-        true => Distortion { fisheye, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
-        false => Distortion { fisheye, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
+        true => Distortion { fisheye, division, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
+        false => Distortion { fisheye, division, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
     };
     // Checked here, so that the error names the file that holds the intrinsics.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };

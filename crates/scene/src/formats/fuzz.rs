@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use crate::formats::colmap::Model;
-use crate::formats::{colmap, llff, points, realestate10k, spaces, transforms};
+use crate::formats::{colmap, llff, realestate10k, spaces, transforms};
 use crate::photos::PhotoLookup;
 use crate::scene_file::{self, safe_name};
 use crate::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions, View, view};
@@ -47,15 +45,6 @@ pub fn transforms(bytes: &[u8]) -> Opened {
     finish(transforms::views(&scene_file::parse(path, bytes)?, None, PhotoLookup::new(&AnyPhoto, path))?)
 }
 
-/// Reads the points of a PLY file.
-///
-/// # Errors
-///
-/// The message says what is wrong and what was expected.
-pub fn ply(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
-    points::ply_points(bytes)
-}
-
 /// Reads a `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
     finish(spaces::views(bytes, 0, PhotoLookup::new(&AnyPhoto, Path::new("scene/models.json")))?)
@@ -70,9 +59,9 @@ pub fn realestate10k(bytes: &[u8]) -> Opened {
 /// Reads a `poses_bounds.npy` with as many photos as it has rows.
 pub fn llff(bytes: &[u8]) -> Opened {
     let path = Path::new("scene/poses_bounds.npy");
-    let rows = llff::parse(path, bytes)?;
+    let rows = llff::parse(path, bytes, None)?;
     let list = photos("images", rows.len());
-    finish(llff::views(&rows, &list, PhotoLookup::new(&AnyPhoto, path))?)
+    finish(llff::views(&rows, None, &list, PhotoLookup::new(&AnyPhoto, path))?)
 }
 
 /// Reads `cameras`, `images` and `points3D`, binary or text.
@@ -87,5 +76,5 @@ pub fn colmap(binary: bool, [cameras, images, points]: [&[u8]; 3]) -> Opened {
 }
 
 fn finish(found: DeclaredViews) -> Opened {
-    view::from_declared(found, &SceneOptions { width: Some(32), ..SceneOptions::default() })
+    view::from_declared(found, &SceneOptions { width: Some(32), ..SceneOptions::default() }, false)
 }

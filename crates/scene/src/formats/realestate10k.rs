@@ -1,4 +1,5 @@
-//! RealEstate10K: `cameras.txt` and a folder `frames` of photos named by timestamp.
+//! RealEstate10K: a text file and a folder of photos named by timestamp: `cameras.txt` and `frames`, or both of the
+//! data set's own name, such as `0a1b2c3d4e5f6a7b.txt`.
 //!
 //! The file is a camera file of the data set (google.github.io/realestate10k, "Camera format"). The
 //! first line is the video's URL; a pose there is accepted as well. Each further line is `timestamp
@@ -7,26 +8,40 @@
 //! are in microseconds.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 
 use crate::photos::{PhotoLookup, list_photos};
 use crate::scene_file::{abbreviated, read, text};
-use crate::{DeclaredView, DeclaredViews, Distortion, PhotoList, PhotoSource, SceneError, SceneOptions};
+use crate::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::Intrinsics;
+use liveview_files::has_extension;
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-/// Whether a folder holds such a file; COLMAP's text files have the same name.
+/// Such a file in a folder, and the folder of its photos if it has the same name; COLMAP's text files are named
+/// `cameras.txt` as well.
+fn file_in(root: &Path) -> Option<(PathBuf, Option<String>)> {
+    let cameras = root.join("cameras.txt");
+    if cameras.is_file() {
+        return (!root.join("images.txt").is_file()).then_some((cameras, None));
+    }
+    let files = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut texts = files.filter(|path| has_extension(path, &["txt"]) && path.with_extension("").is_dir());
+    let of_photos = |path: PathBuf| Some((path.clone(), Some(path.file_stem()?.to_str()?.to_owned())));
+    texts.find_map(of_photos)
+}
+
 pub(super) fn is_in(root: &Path) -> bool {
-    root.join("cameras.txt").is_file() && !root.join("images.txt").is_file()
+    file_in(root).is_some()
 }
 
 pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    let path = root.join("cameras.txt");
+    let (path, folder) = file_in(root).unwrap_or_else(|| (root.join("cameras.txt"), None));
     let bytes = read(&path)?;
-    let list = list_photos(root, photos, options.images.as_deref(), &["frames", "images"])?;
+    let list = list_photos(root, photos, options.images.as_deref().or(folder.as_deref()))?;
     views(&bytes, &list, PhotoLookup::new(photos, &path))
 }
 
@@ -34,8 +49,11 @@ pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions
 pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
     let path = lookup.listed_in;
     let text = text(path, bytes)?;
-    let by_stem: HashMap<&str, &str> =
-        list.names.iter().filter_map(|name| Some((name.rsplit_once('.')?.0, name.as_str()))).collect();
+    let stem = |name: &'_ String| {
+        let stem = name.rsplit_once('.').map_or("", |(stem, _)| stem);
+        stem.strip_suffix("us").unwrap_or(stem).to_owned()
+    };
+    let by_stem: HashMap<String, &str> = list.names.iter().map(|name| (stem(name), name.as_str())).collect();
     let mut missing = Vec::new();
     let is_pose =
         |line: &str| line.trim().split_once(char::is_whitespace).is_some_and(|(_, n)| parse_numbers(n).is_ok());
@@ -57,16 +75,9 @@ pub(super) fn views(bytes: &[u8], list: &PhotoList, mut lookup: PhotoLookup<'_>)
             return Err(wrong(format!("columns 6 and 7 are {k1} and {k2}")));
         }
         let row = |i: usize| DVec3::new(pose[4 * i], pose[4 * i + 1], pose[4 * i + 2]);
-        lookup.views.push(DeclaredView {
-            photo,
-            intrinsics: Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 },
-            size,
-            may_be_resampled: false,
-            rotation: DMat3::from_rows(row(0), row(1), row(2)),
-            translation: DVec3::new(pose[3], pose[7], pose[11]),
-            distortion: Distortion::default(),
-            depth_range: None,
-        });
+        let intrinsics = Intrinsics { fx: fx * width, fy: fy * height, cx: cx * width, cy: cy * height, skew: 0.0 };
+        let pose = (DMat3::from_rows(row(0), row(1), row(2)), DVec3::new(pose[3], pose[7], pose[11]));
+        lookup.views.push(DeclaredView::new(photo, (intrinsics, size), pose));
     }
     if lookup.views.is_empty() && missing.is_empty() {
         return Err(SceneError::malformed(path, "no camera after the first line", "a line for each photo"));

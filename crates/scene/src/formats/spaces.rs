@@ -16,7 +16,7 @@ use serde_json::Value;
 
 use crate::photos::PhotoLookup;
 use crate::scene_file::{Fields, parse, read_json};
-use crate::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
+use crate::{DeclaredView, DeclaredViews, PhotoSource, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size};
 
 pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
@@ -60,16 +60,9 @@ fn add_view(camera: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<(), Scen
     let fx = camera.number("focal_length")?;
     let [cx, cy] = camera.numbers("principal_point")?;
     let rotation = rotation(DVec3::from_array(camera.numbers("orientation")?));
-    lookup.views.push(DeclaredView {
-        photo: photo?,
-        intrinsics: Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 },
-        size: Size::new(width, height),
-        may_be_resampled: true,
-        rotation,
-        translation: -(rotation * DVec3::from_array(camera.numbers("position")?)),
-        distortion: Distortion::default(),
-        depth_range: None,
-    });
+    let intrinsics = Intrinsics { fx, fy: fx * camera.number("pixel_aspect_ratio")?, cx, cy, skew: 0.0 };
+    let translation = -(rotation * DVec3::from_array(camera.numbers("position")?));
+    lookup.views.push(DeclaredView::new(photo?, (intrinsics, Size::new(width, height)), (rotation, translation)));
     Ok(())
 }
 

@@ -28,8 +28,8 @@ fn several_formats_are_listed_in_a_note() {
     TWO_PHOTOS.write_binary(&root.path().join("sparse/0"));
     picture(&root.path().join("images/b.png"), 64, 48);
     let scene = open(root.path()).unwrap();
-    assert_eq!(scene.format, Format::Llff);
-    assert_says(&notes(&scene), &["also holds COLMAP: its poses are not read"]);
+    assert_eq!(scene.format, Format::Colmap);
+    assert_says(&notes(&scene), &["also holds LLFF poses_bounds.npy: its poses are not read"]);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! LLFF's `poses_bounds.npy`.
 
+use liveview_files::npy;
 use liveview_scene::{Format, Scene, SceneOptions};
 use tempfile::tempdir;
 
@@ -57,17 +58,17 @@ fn invalid_poses_bounds_are_errors() {
     for (index, value, parts) in [
         (14, f64::NAN, ["camera of a.png", "fx is NaN"]),
         (2, 0.5, ["camera of a.png", "not orthonormal"]),
-        (4, f64::INFINITY, ["row 0: height is inf", "a whole number of pixels"]),
-        (9, -64.0, ["row 0: width is -64", "a whole number of pixels"]),
+        (4, f64::INFINITY, ["row 0: height is inf", "a number of pixels"]),
+        (9, -64.0, ["row 0: width is -64", "a number of pixels"]),
     ] {
         let mut row = LLFF_ROW;
         row[index] = value;
         poses_bounds(&poses, &[row]);
         assert_says(&refusal(root.path()), &parts);
     }
-    ndarray_npy::write_npy(&poses, &ndarray::Array2::<f64>::zeros((1, 15))).unwrap();
+    write(&poses, npy::bytes(&ndarray::Array2::<f64>::zeros((1, 15))));
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "shape [1, 15]", "17 numbers"]);
-    ndarray_npy::write_npy(&poses, &ndarray::Array2::<f32>::zeros((1, 17))).unwrap();
+    write(&poses, npy::bytes(&ndarray::Array2::<u8>::zeros((1, 17))));
     assert_says(&refusal(root.path()), &["poses_bounds.npy", "float64"]);
 }
 
@@ -91,10 +92,13 @@ fn array_shape_larger_than_the_file_is_an_error() {
     bytes.extend(format!("{header:<117}\n").as_bytes());
     bytes.extend([0; 64]);
     write(&root.path().join("poses_bounds.npy"), bytes);
-    assert_says(&refusal(root.path()), &["poses_bounds.npy", "expected a float64 array"]);
+    assert_says(
+        &refusal(root.path()),
+        &["poses_bounds.npy: 64 bytes for shape [4000000000000, 17]", "expected an array, float64"],
+    );
 }
 
-/// A header that the fuzzer found; parsing it took exponential time.
+/// A header that the fuzzer found; another parser took exponential time for it.
 #[test]
 fn array_header_with_nested_braces_is_an_error() {
     let root = tempdir().unwrap();
@@ -102,5 +106,5 @@ fn array_header_with_nested_braces_is_an_error() {
         &root.path().join("poses_bounds.npy"),
         include_bytes!("../../../../tests/fixtures/damaged/nested_braces.npy"),
     );
-    assert_says(&refusal(root.path()), &["poses_bounds.npy: a header of 116 bytes with", "brackets open"]);
+    assert_says(&refusal(root.path()), &["poses_bounds.npy: elements of type unknown"]);
 }

@@ -1,8 +1,9 @@
-//! Scenes and photos: the five formats with poses worked out by hand, invalid files, other photo
+//! Scenes and photos: the formats with poses worked out by hand, invalid files, other photo
 //! sources, and pictures.
 
 mod colmap;
 mod folder;
+mod folders;
 mod jpeg;
 mod llff;
 mod photo_source;

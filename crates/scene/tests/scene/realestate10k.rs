@@ -47,7 +47,10 @@ fn invalid_cameras_txt_is_an_error() {
         (format!("1000 nan .8 .5 .5 0 0 {pose}"), ["cameras.txt: camera of 1000.png", "fx is NaN"]),
         ("1000 .5 .8 .5 .5 0 0 1 0 0 0 0 1 0 0 0 0 2 0".to_owned(), ["camera of 1000.png", "not orthonormal"]),
         (format!("2000 .5 .8 .5 .5 0 0 {pose}"), ["none of its 1 timestamps has a photo", "frames"]),
-        (format!("1000 .5 .8 .5 .5 0 0 {pose}\n1000 .5 .8 .5 .5 0 0 {pose}"), ["frames/1000.png", "is listed twice"]),
+        (
+            format!("1000 .5 .8 .5 .5 0 0 {pose}\n1000 .5 .8 .5 .5 0 0 1 0 0 7 0 1 0 0 0 0 1 0"),
+            ["frames/1000.png", "is listed twice"],
+        ),
         ("1000".to_owned(), ["line 2: 1 word", "timestamp"]),
     ] {
         write(&root.path().join("cameras.txt"), format!("https://example.org\n{line}\n"));

@@ -1,5 +1,6 @@
 //! The ways in which programs write a scene: each opens, or is refused in words.
 
+use std::fs;
 use std::path::Path;
 
 use liveview_scene::{Scene, SceneOptions};
@@ -42,7 +43,7 @@ const PATHS: &[(&str, [&str; 2], &str, Expected)] = &[
     ("capital extension", ["images/", ".png"], "images/?.PNG", FOUND),
     ("no extension", ["images/", ""], IMAGES, OPENS),
     ("only reduced photos", ["images/", ".png"], "images_4/?.png", Ok((3, 12.5, &["intrinsics scaled"]))),
-    ("out of the folder", ["../images/", ".png"], IMAGES, Err(&["\"../images/a.png\" leaves the scene folder"])),
+    ("from above the folder", ["../images/", ".png"], IMAGES, FOUND),
     (
         "one missing",
         ["images/", ".png"],
@@ -50,7 +51,13 @@ const PATHS: &[(&str, [&str; 2], &str, Expected)] = &[
         Ok((1, 50.0, &["2 of the listed photos are missing, skipped: "])),
     ),
     ("all missing", ["images/", ".png"], "photo.png", Err(&["images/a.png: missing image", "in the scene folder"])),
-    ("all elsewhere", ["/mnt/scan/", ".png"], IMAGES, Err(&["/mnt/scan/a.png: missing image", "transforms.json"])),
+    ("all elsewhere", ["/mnt/scan/", ".png"], IMAGES, FOUND),
+    ("percent-encoded", ["my%20images/", ".png"], "my images/?.png", FOUND),
+    ("in other case", ["Images/", ".PNG"], IMAGES, FOUND),
+    ("composed, decomposed on disk", ["K\u{fc}che_", ".png"], "images/Ku\u{308}che_?.png", FOUND),
+    ("one folder deeper", ["", ".png"], "images/cam0/?.png", FOUND),
+    ("in another folder than images", ["images/", ".png"], "input/?.png", FOUND),
+    ("masks alone", ["images/", ".png"], "masks/?.png", Err(&["images/a.png: missing image"])),
 ];
 
 /// Other parts of the file: a text and its replacement.
@@ -67,8 +74,37 @@ const FIELDS: &[(&str, &str, Expected)] = &[
     (r#"{"file_path""#, r#"{"mask_path": "masks/a.png", "file_path""#, Ok((3, 50.0, &["masks are not supported"]))),
     (r#"{"file_path""#, r#"{"rotation": 0.01, "sharpness": 40.5, "file_path""#, OPENS),
     (", [0, 0, 0, 1]]}", "]}", OPENS),
-    ("[1, 0, 0, 1]", "[NaN, 0, 0, 1]", Err(&["transforms.json", "finite"])),
-    ("[1, 0, 0, 1]", "[1.5, 0, 0, 1]", Err(&["camera of b.png", "the rotation is not orthonormal"])),
+    ("[1, 0, 0, 1]", "[NaN, 0, 0, 1]", Ok((2, 50.0, &["images/b.png is left out: ", "transform_matrix is [[null"]))),
+    ("[1, 0, 0, 1]", "[1.5, 0, 0, 1]", Ok((2, 50.0, &["images/b.png is left out: ", "not orthonormal"]))),
+    (
+        "[[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0]",
+        "[[2, 0, 0, 1], [0, 2, 0, 0], [0, 0, 2, 0]",
+        Ok((3, 50.0, &["scaled axes"])),
+    ),
+    ("[[1, 0,", "[[-1, 0,", Err(&["camera of a.png", "it mirrors"])),
+    (
+        "[[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+        "[1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]",
+        OPENS,
+    ),
+    (
+        "[[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+        "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 1]]",
+        Ok((2, 50.0, &["not transposed"])),
+    ),
+    (
+        "images/c.png\", \"transform_matrix\": [[1, 0, 0, 2]",
+        "images/b.png\", \"transform_matrix\": [[1, 0, 0, 1]",
+        Ok((2, 50.0, &["listed twice with the same pose, read once: images/b.png"])),
+    ),
+    ("images/c.png", "images/b.png", Err(&["\"images/b.png\" is listed twice"])),
+    ("\"frames\": [", "// of this scan\n/* all */ \"frames\": [", OPENS),
+    (r#""w": 64, "h": 48"#, r#""w": "64", "h": "48""#, OPENS),
+    (r#""fl_x": 50, "fl_y": 50"#, r#""x_fov": 90.0"#, Ok((3, 32.0, &[]))),
+    (r#""w""#, r#""is_fisheye": 0, "w""#, OPENS),
+    (r#""w""#, r#""is_latlong": true, "w""#, Err(&["is_latlong: a panorama is not supported"])),
+    (r#""w""#, r#""ftheta_p0": 0.0, "w""#, Err(&["f-theta lens is not supported"])),
+    ("{\"file_path\": \"images/b.png\"", "{\"time\": 1, \"file_path\": \"images/b.png\"", OPENS),
     ("\"frames\"", "\"pictures\"", Err(&["frames is missing; expected a list"])),
     ("\"w\"", r#""camera_model": "SIMPLE_RADIAL", "k1": 0.1, "w""#, UNDISTORTED),
     ("\"w\"", r#""camera_model": "OPENCV", "k1": 0.1, "k2": 0, "p1": 0.01, "w""#, UNDISTORTED),
@@ -95,11 +131,19 @@ const COLMAP: &[(&str, &str, &str, Expected)] = &[
         "images/b.png",
         Ok((1, 50.0, &["2 of the listed photos are missing, skipped: images/a.png, images/c.png"])),
     ),
-    ("sparse/0", Colmap::PINHOLE, "?.png", Err(&["no photo folder; expected one of: images, images_2"])),
+    ("sparse/0", Colmap::PINHOLE, "?.png", OPENS),
+    ("sparse/0", Colmap::PINHOLE, "input/?.png", Ok((3, 50.0, &["photos are read from input"]))),
+    ("sparse/0", Colmap::PINHOLE, "images/cam0/?.png", FOUND),
+    ("sparse/3", Colmap::PINHOLE, IMAGES, OPENS),
+    ("distorted/sparse/0", Colmap::PINHOLE, IMAGES, OPENS),
+    ("sparse/0", Colmap::PINHOLE, "elsewhere.png", Err(&["a.png: missing image"])),
     ("sparse/0", "SIMPLE_RADIAL 64 48 50 32 24 0.1", IMAGES, UNDISTORTED),
     ("sparse/0", "FULL_OPENCV 64 48 50 50 32 24 0.1 0 0 0 0 0.01 0 0", IMAGES, UNDISTORTED),
     ("sparse/0", "OPENCV_FISHEYE 64 48 50 50 32 24 0 0 0 0", IMAGES, UNDISTORTED),
     ("sparse/0", "RADIAL_FISHEYE 64 48 50 32 24 0.1 0.01", IMAGES, UNDISTORTED),
+    ("sparse/0", "SIMPLE_DIVISION 64 48 50 32 24 -0.1", IMAGES, UNDISTORTED),
+    ("sparse/0", "FISHEYE 64 48 50 50 32 24", IMAGES, UNDISTORTED),
+    ("sparse/0", "EUCM 64 48 50 50 32 24 0.5 1", IMAGES, Err(&["camera model EUCM is not supported"])),
     ("sparse/0", "FOV 64 48 50 50 32 24 0.1", IMAGES, Err(&["camera model FOV is not supported", "image_undistorter"])),
 ];
 
@@ -169,9 +213,14 @@ fn file_of_any_name_is_a_scene() {
     }
     photos(root.path(), "train/?.png");
     photos(root.path(), "test/?.png");
-    check("Blender's folder", root.path(), Ok((3, 32.0, &["transforms_test.json: not read"])));
-    check("Blender's test photos", &root.path().join("transforms_test.json"), Ok((3, 32.0, &[])));
-    assert!(open(&root.path().join("transforms_test.json")).unwrap().views[0].image_path().ends_with("test/a.png"));
+    check("Blender's folder", root.path(), Ok((6, 32.0, &["the 3 photos of transforms_test.json are targets only"])));
+    let scene = open(root.path()).unwrap();
+    let targets: Vec<&str> = scene.held_out().into_iter().map(|view| scene.views[view].name.as_str()).collect();
+    assert_eq!(targets, ["test/a.png", "test/b.png", "test/c.png"]);
+    assert_eq!(scene.view_index("./test/b").unwrap(), scene.held_out()[1]);
+    check("Blender's test photos", &root.path().join("transforms_test.json"), Ok((6, 32.0, &["targets only"])));
+    fs::remove_file(root.path().join("transforms_train.json")).unwrap();
+    check("Blender's test photos alone", &root.path().join("transforms_test.json"), Ok((3, 32.0, &[])));
     write(&root.path().join("poses.txt"), "1 0 0 0");
     check("another file", &root.path().join("poses.txt"), Err(&["poses.txt: is not a folder", "a transforms.json"]));
     write(&root.path().join("transforms.json"), FRAMES);

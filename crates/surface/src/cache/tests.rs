@@ -3,7 +3,6 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use ndarray::{Array2, ShapeBuilder, array};
-use ndarray_npy::{NpzWriter, WritableElement};
 use super::*;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -26,20 +25,15 @@ fn complete() -> Vec<u8> {
 }
 
 /// A file with this array in place of the right one.
-fn with<T: WritableElement, D: ndarray::Dimension>(name: &str, array: &ndarray::Array<T, D>) -> Vec<u8> {
-    let mut arrays = NpzWriter::new(Cursor::new(Vec::new()));
-    arrays.add_array(name, array).unwrap();
+fn with<T: npy::Element, D: ndarray::Dimension>(name: &str, array: &ndarray::Array<T, D>) -> Vec<u8> {
     let PhotoDisparity { disparity, disparity_per_pixel } = depth();
-    if name != "key" {
-        arrays.add_array("key", &ndarray::Array1::from_elem(32, 7_u8)).unwrap();
-    }
-    if name != "pixel" {
-        arrays.add_array("pixel", &ndarray::arr0(disparity_per_pixel)).unwrap();
-    }
-    if name != "disparity" {
-        arrays.add_array("disparity", &disparity).unwrap();
-    }
-    arrays.finish().unwrap().into_inner()
+    let right = [
+        ("key", npy::bytes(&ndarray::Array1::from_elem(32, 7_u8))),
+        ("pixel", npy::bytes(&ndarray::arr0(disparity_per_pixel))),
+        ("disparity", npy::bytes(&disparity)),
+    ];
+    let others = right.into_iter().filter(|(other, _)| *other != name);
+    npy::npz(std::iter::once((name, npy::bytes(array))).chain(others)).unwrap()
 }
 
 /// An archive of these files.
@@ -50,12 +44,6 @@ fn archive(entries: &[(&str, &[u8])], method: CompressionMethod) -> Vec<u8> {
         zip.write_all(bytes).unwrap();
     }
     zip.finish().unwrap().into_inner()
-}
-
-fn npy<T: WritableElement, D: ndarray::Dimension>(array: &ndarray::Array<T, D>) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    ndarray_npy::WriteNpyExt::write_npy(array, &mut bytes).unwrap();
-    bytes
 }
 
 fn same(a: &PhotoDisparity, b: &PhotoDisparity) -> bool {
@@ -91,7 +79,7 @@ fn wrong_array_is_named_in_the_error() {
     assert_refused(&with("key", &ndarray::Array1::from_elem(32, 8_u8)), &["key: of another depth"]);
     assert_refused(&with("key", &ndarray::Array1::from_elem(31, 7_u8)), &["key: of another depth"]);
     assert_refused(&with("else", &ndarray::arr0(1.0_f32)), &["4 arrays", "key, pixel and disparity"]);
-    let (key, pixel) = (npy(&ndarray::Array1::from_elem(32, 7_u8)), npy(&ndarray::arr0(0.5_f32)));
+    let (key, pixel) = (npy::bytes(&ndarray::Array1::from_elem(32, 7_u8)), npy::bytes(&ndarray::arr0(0.5_f32)));
     let entries: [(&str, &[u8]); 3] = [("key.npy", &key), ("pixel.npy", &pixel), ("depth.npy", &pixel)];
     assert_refused(&archive(&entries, CompressionMethod::Stored), &["disparity: ", "not found"]);
 }

@@ -1,6 +1,5 @@
 //! Depth ranges of scenes, and real scenes.
 
-mod points_range;
 mod real_scenes;
 #[path = "../../../../tests/scene_common/mod.rs"]
 mod scene_common;

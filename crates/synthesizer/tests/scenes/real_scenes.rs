@@ -79,9 +79,8 @@ fn no_scene_needs_an_option() {
 fn colmap_reprojection_error_is_below_a_pixel() {
     let data = data();
     let scene = Scene::open(&data.join("dev/grid3x3"), &SceneOptions::default()).unwrap();
-    let note = scene.notes.iter().find(|note| note.starts_with("median reprojection error")).unwrap();
-    let median: f64 = note.split(": ").nth(1).unwrap().trim_end_matches(" px").parse().unwrap();
-    assert!(median < 1.0, "{note}");
+    let median = scene.reprojection_error.unwrap();
+    assert!(median < 1.0, "{median}");
 }
 
 /// Checks that poses, axes and intrinsics are consistent: a plane sweep between neighbouring views

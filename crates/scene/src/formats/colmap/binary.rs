@@ -20,7 +20,7 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
         let size = Size::new(input.side("camera width")?, input.side("camera height")?);
         let &(name, parameters) = MODELS
             .get(number as usize)
-            .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 11"))?;
+            .ok_or_else(|| input.wrong(&format!("camera {id} has model number {number}"), "0 to 17"))?;
         let parameters = (0..parameters).map(|_| input.f64("camera parameters")).collect::<Result<Vec<_>, _>>()?;
         if model.lenses.insert(id, lens(path, name, size, &parameters)?).is_some() {
             return Err(input.wrong(&format!("camera {id} is listed twice"), "each camera once"));

@@ -14,7 +14,7 @@ pub(in crate::formats) const FORMAT: ModelFormat =
     ModelFormat { extension: "txt", cameras: read_cameras, images: read_images, points: read_points };
 
 fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
-    for line in records(text(path, bytes)?) {
+    for line in records(&text(path, bytes)?) {
         let words = Words::new(path, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS");
         let parameters = (4..words.len()).map(|i| words.parse(i)).collect::<Result<Vec<f64>, _>>()?;
         let lens = lens(path, words.get(1)?, Size::new(words.parse(2)?, words.parse(3)?), &parameters)?;
@@ -26,7 +26,8 @@ fn read_cameras(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scen
 }
 
 fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
-    let mut lines = text(path, bytes)?.lines().enumerate();
+    let text = text(path, bytes)?;
+    let mut lines = text.lines().enumerate().peekable();
     while let Some((number, line)) = lines.next() {
         if is_blank(line) {
             continue;
@@ -35,8 +36,12 @@ fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
         let quaternion = [words.parse(1)?, words.parse(2)?, words.parse(3)?, words.parse(4)?];
         let translation = DVec3::new(words.parse(5)?, words.parse(6)?, words.parse(7)?);
         words.get(9)?;
-        let name = words.words[9..].join(" ");
-        let tracked = match lines.next() {
+        // Names may contain spaces, several in a row too.
+        let next = |rest: &'_ str| rest.trim_start().split_once(char::is_whitespace).map_or(0, |(_, rest)| rest.len());
+        let start = (0..9).fold(0, |at, _| line.len() - next(&line[at..]));
+        let name = line[start..].trim().to_owned();
+        // Some programs leave the second lines out.
+        let tracked = match lines.next_if(|(_, next)| !is_image(next)) {
             Some(line) => keypoints(path, line)?,
             None => Vec::new(),
         };
@@ -46,7 +51,18 @@ fn read_images(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), Scene
     Ok(())
 }
 
+/// Whether a line is the first of a photo: a name after nine numbers.
+fn is_image(line: &str) -> bool {
+    let numbers = line.split_whitespace().take_while(|word| word.parse::<f64>().is_ok()).count();
+    let words = line.split_whitespace().count();
+    words > 9 && (numbers == 9 || numbers == words && !words.is_multiple_of(3))
+}
+
 fn keypoints(path: &Path, line: (usize, &str)) -> Result<Vec<(f64, f64, u64)>, SceneError> {
+    // Some programs write a word there.
+    if !line.1.contains(|c: char| c.is_ascii_digit()) {
+        return Ok(Vec::new());
+    }
     let words = Words::new(path, line, "X Y POINT3D_ID for each keypoint");
     if !words.len().is_multiple_of(3) {
         return Err(words.wrong(format!("{} words", words.len())));
@@ -62,7 +78,7 @@ fn keypoints(path: &Path, line: (usize, &str)) -> Result<Vec<(f64, f64, u64)>, S
 }
 
 fn read_points(path: &Path, bytes: &[u8], model: &mut Model) -> Result<(), SceneError> {
-    for line in records(text(path, bytes)?) {
+    for line in records(&text(path, bytes)?) {
         let words = Words::new(path, line, "POINT3D_ID X Y Z R G B ERROR TRACK");
         let position = DVec3::new(words.parse(1)?, words.parse(2)?, words.parse(3)?);
         if model.points.insert(words.parse(0)?, position).is_some() {
