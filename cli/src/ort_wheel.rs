@@ -26,7 +26,7 @@ pub(crate) fn environments_near(names: &[&'static str]) -> impl Iterator<Item = 
     let working = std::env::current_dir().unwrap_or_default();
     let program = std::env::current_exe().unwrap_or_default();
     let places: Vec<PathBuf> = program.ancestors().skip(1).take(4).map(Path::to_owned).chain([working]).collect();
-    names.to_vec().into_iter().flat_map(move |name| places.clone().into_iter().map(move |place| place.join(name)))
+    names.iter().copied().flat_map(move |name| places.clone().into_iter().map(move |place| place.join(name)))
 }
 
 /// Names of the virtual environments that may hold the wheel with a provider, in order of

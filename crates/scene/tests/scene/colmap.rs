@@ -185,13 +185,12 @@ fn duplicate_and_trailing_records_are_errors() {
     picture(&root.path().join("images/a.png"), 64, 48);
     let folder = root.path().join("sparse/0");
     ONE_PHOTO.write_text(&folder);
-    for file in ["cameras.txt"] {
-        let path = folder.join(file);
-        let text = fs::read_to_string(&path).unwrap();
-        write(&path, format!("{text}{text}"));
-        assert_says(&refusal(root.path()), &[file, "camera 1 is listed twice"]);
-        write(&path, text);
-    }
+    let file = "cameras.txt";
+    let path = folder.join(file);
+    let text = fs::read_to_string(&path).unwrap();
+    write(&path, format!("{text}{text}"));
+    assert_says(&refusal(root.path()), &[file, "camera 1 is listed twice"]);
+    write(&path, text);
     ONE_PHOTO.write_binary(&folder);
     open(root.path()).unwrap();
     for file in ["cameras.bin", "images.bin"] {
