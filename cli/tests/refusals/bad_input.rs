@@ -315,7 +315,7 @@ fn invalid_targets_are_an_error() {
 fn folder_without_a_scene_is_an_error() {
     let folders = Folders::new();
     fs::remove_file(folders.scene().join("transforms.json")).unwrap();
-    assert_render_refused(&folders, &[], &["no scene found", "transforms.json", "sparse/0"]);
+    assert_render_refused(&folders, &[], &["no scene found", "no camera poses", "liveview poses"]);
     for arguments in [&[][..], &["--planes"]] {
         folders.assert_refused(&mut folders.liveview("inspect", arguments), &["no scene found"]);
     }

@@ -108,7 +108,7 @@ mod tests {
     fn written_arrays_are_read_again_and_have_numpys_header() {
         let array = Array2::from_shape_fn((3, 2), |(i, j)| 2.0 * i as f64 + j as f64);
         let file = bytes(&array);
-        assert_eq!(&file[8..60], b"v\0{'descr': '<f8', 'fortran_order': False, 'shape': (");
+        assert_eq!(&file[8..61], b"v\0{'descr': '<f8', 'fortran_order': False, 'shape': (");
         assert_eq!((file.len(), file[127], read(&file)), (128 + 48, b'\n', Ok(array)));
         assert_eq!(read(&bytes(&aview0(&2.5_f32))), Ok(Array0::from_elem((), 2.5_f32)));
         let transposed =

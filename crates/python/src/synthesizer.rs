@@ -7,7 +7,7 @@ use liveview::ImageRgb;
 use liveview::network::{ExecutionProvider, OrtLibrary};
 use liveview::render::Renderer;
 use liveview_live::session::{self, LiveError, LiveSettings, Policy};
-use liveview_synthesizer::{LayerSpec, ModelOptions, Options, Targets};
+use liveview_synthesizer::{LayerSpec, ModelOptions, Options, Targets, ViewAgreement};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -211,6 +211,7 @@ impl LiveSession {
         let policy: Option<Policy> = policy.map(str::parse).transpose().map_err(|error| value("policy", error))?;
         let options = model_options(py, views, network)?;
         let opened = compute(py, || options.open_renderer(layers.as_ref()).map_err(library))?;
+        let given = layers.is_some();
         let (renderer, layers) = (opened.renderer, opened.layers);
         check_views(options.views, &renderer)?;
         let default = Policy::default_for(&layers);
@@ -218,7 +219,10 @@ impl LiveSession {
             return Err(value("policy", format!("propagate: {layers} have no depth; expected each, every:N or once")));
         }
         let mut settings = LiveSettings::new(near, far);
-        (settings.layers, settings.policy) = (layers, policy.unwrap_or(default));
+        let policy = policy.unwrap_or(default);
+        // As of `liveview video`: along depth that follows, one layer shows more than three.
+        let follows = !given && policy == Policy::Propagate && layers == ViewAgreement::LAYERS;
+        (settings.layers, settings.policy) = (if follows { LayerSpec::Surface(1) } else { layers }, policy);
         let session = session::LiveSession::new(cameras, vec![renderer], settings);
         let session = session.map_err(|error| value("near, far", error))?;
         Ok(Self(Mutex::new(Steps { session, rendered: 0 })))

@@ -136,6 +136,7 @@ impl PhotoSource for PhotoFolder {
             return Err(SceneError::MissingImage { path, listed_in });
         };
         let path = self.root.join(&name);
+        bounded::check_regular(&path).map_err(|source| ImageError::Read { path: path.clone(), source })?;
         let Header { mut size, orientation, alpha, .. } = read_header(&path)?;
         check_end(&path)?;
         if self.turns && orientation > 4 {

@@ -76,11 +76,31 @@ pub(crate) fn abbreviated(names: &[String]) -> String {
     }
 }
 
+/// Brackets within each other that json5, which would overflow its stack, may parse: as many as serde_json allows.
+const MAX_NESTING: usize = 128;
+
+/// The largest number of brackets that are open at once.
+fn nesting(text: &str) -> usize {
+    let mut open = 0_usize;
+    let opened = text.bytes().map(|byte| {
+        match byte {
+            b'[' | b'{' => open += 1,
+            b']' | b'}' => open = open.saturating_sub(1),
+            _ => {}
+        }
+        open
+    });
+    opened.max().unwrap_or(0)
+}
+
 /// Parses a file, JSON or with what people and Python add: comments, commas after the last value, NaN and Infinity,
 /// which become null. Errors quote the text around them.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {
     let text = text(path, bytes)?;
-    let parsed = serde_json::from_str(&text).or_else(|error| json5::from_str(&text).map_err(|_| error));
+    let parsed = serde_json::from_str(&text).or_else(|error| match nesting(&text) {
+        ..=MAX_NESTING => json5::from_str(&text).map_err(|_| error),
+        _ => Err(error),
+    });
     parsed.map_err(|error: serde_json::Error| {
         let line = text.lines().nth(error.line().saturating_sub(1)).unwrap_or_default().as_bytes();
         // serde_json counts columns in bytes.
