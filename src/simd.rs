@@ -11,7 +11,7 @@ pub fn arch() -> pulp::Arch {
 }
 
 /// The widest available: AVX-512 made blend and composite a tenth faster, the warp a twentieth.
-pub(crate) fn wide_arch() -> pulp::Arch {
+pub fn wide_arch() -> pulp::Arch {
     pulp::Arch::new()
 }
 

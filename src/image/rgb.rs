@@ -88,6 +88,12 @@ impl ImageRgb {
         Self { data: picture.into_rgb32f().into_raw(), width, height }
     }
 
+    /// The picture as a file of 8 bits holds it: rounded, values outside [0, 1] clamped.
+    pub fn in_8_bits(&self) -> Self {
+        let data = self.to_rgb8().into_iter().map(|value| f32::from(value) / 255.0).collect();
+        Self { data, ..*self }
+    }
+
     /// 8-bit interleaved RGB, rounded; values outside [0, 1] are clamped.
     pub fn to_rgb8(&self) -> Vec<u8> {
         self.data.iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &BakeArgs) -> Result<Output> {
     let mut photos = ScenePhotos::new(args.scene.open_at(WIDTH)?);
     let scene = photos.views().scene();
     print_notes(&scene.notes);
-    let held_out = held_out(scene, args.heldout, &args.target)?;
+    let held_out = scene.with_held_out(held_out(scene, args.heldout, &args.target)?);
     refuse_stdout("-o", &args.output)?;
     let mut output_plan = OutputPlan::new(scene);
     output_plan.file("-o", &args.output)?;

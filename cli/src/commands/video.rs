@@ -12,7 +12,7 @@ use liveview_live::rig::Rig;
 use liveview_live::session::Policy;
 use liveview_live::video::{FRAME_PREFIX, Progress, Sink, Video, VideoSettings, Viewpoint, frame_file};
 use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews, ViewAgreement};
+use liveview_synthesizer::{LayerSpec, SceneViews};
 use serde_json::Value;
 
 use crate::args::numbers::frame_rate;
@@ -133,9 +133,8 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
     let (mut rig, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
     let policy = policy(args.policy, &rig.layers)?;
-    if args.layers.given().is_none() && policy == Policy::Propagate && rig.layers == ViewAgreement::LAYERS {
-        // Along depth that follows, one layer shows more than three (docs/design-log/video.md).
-        rig.layers = LayerSpec::Surface(1);
+    if args.layers.given().is_none() {
+        rig.layers = policy.layers_by_default(rig.layers);
     }
     let views = rig.renderers.last().map_or(0, |renderer| renderer.network().views());
     let free = rig.rig.feeds.len() - usize::from(viewpoint.truth.is_some());

@@ -95,9 +95,8 @@ fn open_photos(args: &ViewArgs) -> Result<Opened> {
     }
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
-    let mut held_out = held_out(photos.scene(), args.heldout, &args.target)?;
-    let of_scene = photos.scene().held_out();
-    held_out.extend(of_scene.into_iter().filter(|view| !held_out.contains(view)).collect::<Vec<_>>());
+    let held_out = held_out(photos.scene(), args.heldout, &args.target)?;
+    let held_out = photos.scene().with_held_out(held_out);
     let job = Job::open(photos, &args.layers, &args.model)?;
     Ok((Shown::Photos(Box::new(job.synthesizer)), held_out, job.model))
 }

@@ -198,8 +198,7 @@ impl Measured {
             let answer = self.worker.ask(&json!({ "run": true, "target": target, "frame": text_of(&frame)? }))?;
             let bytes = std::fs::read(&frame).context("a worker's picture cannot be read")?;
             let pixels: Array3<f32> = npy::read(&bytes).map_err(|what| anyhow!("a worker's picture: {what}"))?;
-            // In 8 bits, as in a file.
-            let picture = ImageRgb::from_array_u8(ImageRgb::from_array(pixels.view())?.to_array_u8().view())?;
+            let picture = ImageRgb::from_array(pixels.view())?.in_8_bits();
             // `--widths` makes pictures of another size.
             let truth = truth.clone().resized(picture.width(), picture.height())?;
             scores.push(Score::of(&picture, &truth));

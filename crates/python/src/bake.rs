@@ -28,6 +28,7 @@ pub(crate) fn bake(
     let held_out = held_out.map(|views| some("held_out", views)).transpose()?.unwrap_or_default();
     let held_out: Vec<usize> =
         held_out.iter().map(|(name, view)| view_index(scene, name, view)).collect::<PyResult<_>>()?;
+    let held_out = scene.with_held_out(held_out);
     if !(max_mb > 0.0 && max_mb <= 4000.0) {
         return Err(value("max_mb", format!("{max_mb}; expected above 0, at most 4000")));
     }

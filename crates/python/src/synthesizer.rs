@@ -7,7 +7,7 @@ use liveview::ImageRgb;
 use liveview::network::{ExecutionProvider, OrtLibrary};
 use liveview::render::Renderer;
 use liveview_live::session::{self, LiveError, LiveSettings, Policy};
-use liveview_synthesizer::{LayerSpec, ModelOptions, Options, Targets, ViewAgreement};
+use liveview_synthesizer::{LayerSpec, ModelOptions, Options, Targets};
 use numpy::IntoPyArray;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -220,9 +220,8 @@ impl LiveSession {
         }
         let mut settings = LiveSettings::new(near, far);
         let policy = policy.unwrap_or(default);
-        // As of `liveview video`: along depth that follows, one layer shows more than three.
-        let follows = !given && policy == Policy::Propagate && layers == ViewAgreement::LAYERS;
-        (settings.layers, settings.policy) = (if follows { LayerSpec::Surface(1) } else { layers }, policy);
+        let layers = if given { layers } else { policy.layers_by_default(layers) };
+        (settings.layers, settings.policy) = (layers, policy);
         let session = session::LiveSession::new(cameras, vec![renderer], settings);
         let session = session.map_err(|error| value("near, far", error))?;
         Ok(Self(Mutex::new(Steps { session, rendered: 0 })))

@@ -193,6 +193,13 @@ impl Scene {
         (0..self.views.len()).filter(|&view| self.views[view].held_out).collect()
     }
 
+    /// These views, then those that are targets only.
+    pub fn with_held_out(&self, mut views: Vec<usize>) -> Vec<usize> {
+        let more: Vec<usize> = self.held_out().into_iter().filter(|view| !views.contains(view)).collect();
+        views.extend(more);
+        views
+    }
+
     /// The background that transparent pixels of the photos are composited on; `None` if there are
     /// none.
     pub fn background(&self) -> Option<[f32; 3]> {

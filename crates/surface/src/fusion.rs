@@ -60,7 +60,7 @@ pub struct Surface {
 impl Surface {
     /// The share of guessed pixels, 0 to 1.
     pub fn guessed_share(&self) -> f64 {
-        self.guessed.iter().filter(|&&guessed| guessed).count() as f64 / self.guessed.len() as f64
+        share_of(&self.guessed)
     }
 
     /// `count` layers near → far: one follows the surface; two are its largest and its smallest
@@ -101,9 +101,8 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     let splatted = splat_confirmed(views, target, disparity_per_pixel);
     let guessed = splatted.iter().map(|&disparity| disparity < 0.0).collect();
     let guessed = Array2::from_shape_vec((size.height, size.width), guessed).expect("one per pixel");
-    let surface = Surface { disparity: Array2::zeros(guessed.dim()), disparity_per_pixel, guessed };
     let mut filled = fill_holes(&splatted, size.width);
-    if searches_holes && surface.guessed_share() > SEARCHED_HOLE_SHARE {
+    if searches_holes && share_of(&guessed) > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;
@@ -126,7 +125,12 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     }
     let disparity = median3(&filled, size.width);
     let disparity = Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel");
-    Surface { disparity, ..surface }
+    Surface { disparity, disparity_per_pixel, guessed }
+}
+
+/// The share of true pixels, 0 to 1.
+fn share_of(map: &Array2<bool>) -> f64 {
+    map.iter().filter(|&&is_so| is_so).count() as f64 / map.len() as f64
 }
 
 /// The views for the warp to `target`, with their gains.

@@ -36,11 +36,14 @@ pub fn parallax(view: &Camera, sweep: &PlaneSweep, pixel: DVec2, disparities: (f
     ends.filter(|&(a, b)| covers(view, a) || covers(view, b)).map(|(a, b)| a.distance(b))
 }
 
+/// Whether a target pixel at a disparity (1/scene unit) lies in front of the view and in its photo.
+pub fn is_covered(view: &Camera, sweep: &PlaneSweep, pixel: DVec2, disparity: f64) -> bool {
+    project(sweep, pixel, disparity).is_some_and(|at| covers(view, at))
+}
+
 /// Share (0 to 1) of the positions that any of the views covers at a disparity (1/scene unit).
 pub fn coverage(views: &[(&Camera, PlaneSweep)], grid: &[DVec2], disparity: f64) -> f64 {
-    let covered = |pixel: DVec2| {
-        views.iter().any(|(view, sweep)| project(sweep, pixel, disparity).is_some_and(|at| covers(view, at)))
-    };
+    let covered = |pixel: DVec2| views.iter().any(|(view, sweep)| is_covered(view, sweep, pixel, disparity));
     grid.iter().filter(|&&pixel| covered(pixel)).count() as f64 / grid.len() as f64
 }
 

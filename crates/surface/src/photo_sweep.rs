@@ -96,7 +96,7 @@ struct Search<'a> {
     count: usize,
 }
 
-#[pulp::with_simd(search_band = pulp::Arch::new())]
+#[pulp::with_simd(search_band = liveview::simd::wide_arch())]
 #[inline(always)]
 fn search_band_with<'a, S: pulp::Simd>(
     simd: S,

@@ -1,11 +1,12 @@
 //! Guessed pixels of a picture along the surface: those that show a surface which no two photos confirm
 //! ([`liveview_surface::Surface::guessed`]). Where they are many, the reason why most of them are, and what helps.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::{Plan, SceneViews, Shot};
 use liveview::geometry::{Camera, PlaneSweep};
 use liveview::{Frame, ImageRgb};
+use liveview_surface::parallax::is_covered;
 
 /// The share of guessed pixels from which on the reason is given (docs/design-log/view-choice.md).
 const MANY: f64 = 0.15;
@@ -26,12 +27,8 @@ pub fn advice(views: &SceneViews, shot: &Shot, plan: &Plan, frame: &Frame) -> Op
     let (width, height) = (picture.width(), picture.height());
     for (y, x) in (0..height).step_by(STEP).flat_map(|y| (0..width).step_by(STEP).map(move |x| (y, x))) {
         if surface.guessed[(y, x)] {
-            let (pixel, disparity) = (DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0), surface.disparity[(y, x)]);
-            let shows = |(camera, sweep): &&(&Camera, PlaneSweep)| {
-                let at = sweep.source_from_target(f64::from(disparity)) * pixel;
-                let inside = |at: f64, side: usize| (0.0..=side as f64).contains(&at);
-                at.z > 0.0 && inside(at.x / at.z, camera.width()) && inside(at.y / at.z, camera.height())
-            };
+            let (pixel, disparity) = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5), surface.disparity[(y, x)]);
+            let shows = |(camera, sweep): &&(&Camera, PlaneSweep)| is_covered(camera, sweep, pixel, disparity.into());
             let kind = match photos.iter().filter(shows).count() {
                 0 | 1 => &mut unseen,
                 _ if is_flat(&picture, x, y) => &mut flat,

@@ -1,6 +1,7 @@
 //! PSNR and SSIM of a picture against the ground truth, over all channels, values in [0, 1].
 
 use liveview::{Frame, ImageRgb};
+use ndarray::Array2;
 
 /// PSNR and SSIM of a picture against the ground truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,33 +23,27 @@ impl Score {
         (!score.psnr.is_nan() && !score.ssim.is_nan()).then_some(score)
     }
 
-    /// The score of the picture that is delivered: inpainted ([`Frame::picture`]), in 8 bits as in a PNG file.
-    pub fn of_delivered(frame: &Frame, truth: &ImageRgb) -> Option<Self> {
-        Self::of(&delivered(frame), truth)
+    /// The score of the picture that is delivered: inpainted ([`Frame::picture`]), in 8 bits as in a PNG file; and the
+    /// PSNR in dB of the pixels that some view covers, without the border, `None` if all are covered, or none of the
+    /// inner ones.
+    pub fn of_delivered(frame: &Frame, truth: &ImageRgb) -> (Option<Self>, Option<f64>) {
+        let picture = frame.picture().in_8_bits();
+        (Self::of(&picture, truth), psnr_covered(&picture, &frame.transmittance, truth))
     }
 }
 
-/// The picture of a frame as a PNG file has it.
-fn delivered(frame: &Frame) -> ImageRgb {
-    ImageRgb::from_array_u8(frame.picture().to_array_u8().view()).expect("three channels")
-}
-
-/// PSNR in dB of the delivered picture over the pixels that some view covers, without the border; `None` if all
-/// pixels are covered, or none of the inner ones.
-pub fn psnr_covered(frame: &Frame, truth: &ImageRgb) -> Option<f64> {
-    let (picture, border) = (delivered(frame), Score::BORDER);
-    if picture.size() != truth.size() || frame.transmittance.iter().all(|&share| share < 0.5) {
+/// PSNR of the pixels of a picture with a transmittance (`[h, w]`) below 1/2 ([`Score::of_delivered`]).
+fn psnr_covered(picture: &ImageRgb, transmittance: &Array2<f32>, truth: &ImageRgb) -> Option<f64> {
+    let is_covered = |share: &f32| *share < 0.5;
+    if picture.size() != truth.size() || transmittance.iter().all(is_covered) {
         return None;
     }
-    let (height, width) = frame.transmittance.dim();
-    let inner = |(y, x)| {
-        (border..height.saturating_sub(border)).contains(&y) && (border..width.saturating_sub(border)).contains(&x)
-    };
+    let (height, width) = transmittance.dim();
+    let is_inner = |at: usize, side: usize| (Score::BORDER..side.saturating_sub(Score::BORDER)).contains(&at);
     let (mut sum, mut count) = (0.0, 0.0);
-    for ((at, _), (a, b)) in
-        frame.transmittance.indexed_iter().zip(picture.data().chunks(3).zip(truth.data().chunks(3)))
-    {
-        if inner(at) && frame.transmittance[at] < 0.5 {
+    let colours = picture.data().chunks(3).zip(truth.data().chunks(3));
+    for (((y, x), share), (a, b)) in transmittance.indexed_iter().zip(colours) {
+        if is_covered(share) && is_inner(y, height) && is_inner(x, width) {
             sum += a.iter().zip(b).map(|(&x, &y)| f64::from(x - y).powi(2)).sum::<f64>();
             count += 3.0;
         }

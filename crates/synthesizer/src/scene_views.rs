@@ -152,10 +152,7 @@ impl SceneViews {
         helpers: usize,
         given: Option<(f64, f64)>,
     ) -> Result<Vec<Shot>, SynthesisError> {
-        let mut held_out = targets.held_out.clone();
-        let of_scene = self.scene.held_out();
-        held_out.extend(of_scene.into_iter().filter(|view| !targets.held_out.contains(view)));
-        let held_out = &held_out;
+        let held_out = &self.scene.with_held_out(targets.held_out.clone());
         let mut kept = Vec::new();
         let mut choose = |target: &TargetCamera| -> Result<(Vec<usize>, Vec<usize>), SynthesisError> {
             let choose = |count| self.choose(&target.name, &target.camera, held_out, count, &kept);

@@ -7,8 +7,8 @@ use std::path::Path;
 use liveview::network::{Alpha, NetworkError, PlaneNetwork};
 use liveview::render::Renderer;
 use liveview_synthesizer::{
-    DepthSource, LayerSpec, Options, Scene, SceneOptions, ScenePhotos, SceneViews, SynthesisError, Synthesizer, Target,
-    Targets, ViewAgreement, guessed, psnr, psnr_covered,
+    DepthSource, LayerSpec, Options, Scene, SceneOptions, ScenePhotos, SceneViews, Score, SynthesisError, Synthesizer,
+    Target, Targets, ViewAgreement, guessed, psnr,
 };
 use ndarray::{ArrayView4, ArrayViewMut4};
 
@@ -294,7 +294,7 @@ fn guessed_pixels_are_counted_and_explained() {
     };
     let (share, advice, frame) = found(Targets::held_out(&workshop(), vec![view]));
     assert!((0.01..0.15).contains(&share) && advice.is_none(), "{share} {advice:?}");
-    assert!(frame.uncovered_share() > 0.0 && psnr_covered(&frame, &truth) > Some(20.0));
+    assert!(frame.uncovered_share() > 0.0 && Score::of_delivered(&frame, &truth).1 > Some(20.0));
 
     let turn = glam::DMat3::from_rotation_y(0.5);
     let past = camera.with_pose(turn * camera.rotation(), turn * camera.translation()).unwrap();

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use anyhow::{Result, bail};
 use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
-use liveview::geometry::{PlaneSweep, choose_views, distance, middle_camera};
+use liveview::geometry::{PlaneSweep, distance, facing_alike, middle_camera};
 use liveview::layers::uniform_disparities;
 use liveview_bench::quantile;
 use liveview_scene::View;
@@ -135,7 +135,7 @@ fn rig(views: &[View]) -> Section {
 /// The target, the views it would be rendered from, and the planes that no view covers.
 fn target_section(photos: &SceneViews, target: usize, count: usize, layers: Option<&LayerSpec>) -> Result<Section> {
     let View { name, camera, .. } = &photos.scene().views[target];
-    let faces_away = |view: &&View| choose_views(&[&view.camera], camera, 1, &[]).is_err();
+    let faces_away = |view: &&View| facing_alike(&[&view.camera], camera).is_empty();
     let facing_away: Vec<&str> =
         photos.scene().views.iter().filter(faces_away).map(|view| view.name.as_str()).collect();
     let mut text = format!("\ntarget     {}, held out, from {count} views\n", escaped(name));

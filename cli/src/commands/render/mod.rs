@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
-use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, agreement, guessed, psnr_covered};
+use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, agreement, guessed};
 
 use crate::args::numbers::FrameRange;
 use crate::args::{ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, named, numbers};
@@ -156,8 +156,8 @@ fn render(
             None => job.plan(&loaded)?,
         };
         let frame = job.render(&loaded, &plan)?;
-        let score = truth.as_ref().and_then(|truth| Score::of_delivered(&frame, truth));
-        let psnr_covered = truth.as_ref().and_then(|truth| psnr_covered(&frame, truth));
+        let scores = truth.as_ref().map(|truth| Score::of_delivered(&frame, truth));
+        let (score, psnr_covered) = scores.unwrap_or_default();
         if truth.is_some() && score.is_none() {
             print_message("note", format!("{}: not scored, the picture is too small", shot.name));
         }

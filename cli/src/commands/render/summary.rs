@@ -140,9 +140,9 @@ fn finish(text: &mut String, done: &[Rendered]) {
         let note = "occluded in every view, rendered from the least occluded";
         line(text, "occluded", &format!("{:.2} % of {of}: {note}", 100.0 * occluded));
     }
-    let guessed = |one: &&Rendered| one.guessed_share.map(|share| (share, one.advice.clone()));
-    if let Some((share, advice)) = done.iter().filter_map(|one| guessed(&one)).max_by(|a, b| a.0.total_cmp(&b.0)) {
-        let advice = advice.map(|advice| format!("; {advice}")).unwrap_or_default();
+    let guessed = done.iter().filter_map(|one| Some((one.guessed_share?, &one.advice)));
+    if let Some((share, advice)) = guessed.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        let advice = advice.as_ref().map(|advice| format!("; {advice}")).unwrap_or_default();
         line(text, "guessed", &format!("{:.1} % of {of}: no two photos confirm its depth{advice}", 100.0 * share));
     }
     let new = done.iter().filter(|one| one.times.is_some());

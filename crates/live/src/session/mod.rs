@@ -18,7 +18,7 @@ use liveview::layers::{LayersError, uniform_disparities};
 use liveview::render::{Frame, RenderError, RenderRequest, Renderer, StageTimes};
 use liveview_surface::{PhotoCorrection, Reuse, TargetSurface};
 pub use liveview_synthesizer::LayerSource;
-use liveview_synthesizer::{Carried, FrameInput, LayerSpec, find_layers};
+use liveview_synthesizer::{Carried, FrameInput, LayerSpec, ViewAgreement, find_layers};
 use rayon::prelude::*;
 
 use camera_depths::{CameraDepths, Step};
@@ -47,6 +47,15 @@ impl Policy {
     /// scene.
     pub fn default_for(layers: &LayerSpec) -> Self {
         if matches!(layers.kind(), "guided" | "surface") { Self::Propagate } else { Self::Once }
+    }
+
+    /// The layers in place of those recommended, where none are given: along depth that follows, one layer
+    /// without a network shows more than three (docs/design-log/video.md).
+    pub fn layers_by_default(self, recommended: LayerSpec) -> LayerSpec {
+        match self {
+            Self::Propagate if recommended == ViewAgreement::LAYERS => LayerSpec::Surface(1),
+            _ => recommended,
+        }
     }
 }
 

@@ -168,28 +168,13 @@ def frames_of(video, images, count, is_one_of_several, report):
         raise Refused(f"{video}: ffmpeg is not on the PATH; expected it for videos")
     report(step="frames of the video", done=0, of=count)
     width, height = 192, 108
-    filters = f"fps={{rate}},scale={width}:{height}"
     probe = subprocess.run(["ffmpeg", "-i", video], capture_output=True, text=True, errors="replace").stderr
     length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", probe)
     seconds = (
         sum(float(part) * 60**power for part, power in zip(length.groups(), (2, 1, 0), strict=True)) if length else 60
     )
     rate = f"{min(15.0, max(0.5, 900 / max(seconds, 1))):.3f}"
-    decode = [
-        "ffmpeg",
-        "-v",
-        "error",
-        "-i",
-        video,
-        "-vf",
-        filters.format(rate=rate),
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "gray",
-        "-",
-    ]
-    decoded = subprocess.run(decode, capture_output=True)
+    decoded = ffmpeg(video, f"fps={rate},scale={width}:{height}", "-f", "rawvideo", "-pix_fmt", "gray", "-")
     small = np.frombuffer(decoded.stdout, np.uint8)
     small = small[: small.size // (width * height) * width * height].reshape(-1, height, width).astype(np.float32)
     if len(small) < 3:
@@ -205,23 +190,15 @@ def frames_of(video, images, count, is_one_of_several, report):
     chosen = [max(np.flatnonzero(step == k), key=lambda frame: sharpness[frame]) for k in np.unique(step)]
     select = "+".join(f"eq(n\\,{frame})" for frame in chosen)
     prefix = f"{video.stem}_" if is_one_of_several else "frame_"
-    write = [
-        "ffmpeg",
-        "-v",
-        "error",
-        "-i",
-        video,
-        "-vf",
-        f"fps={rate},select='{select}'",
-        "-fps_mode",
-        "passthrough",
-        "-q:v",
-        "2",
-    ]
-    written = subprocess.run([*write, images / f"{prefix}%04d.jpg"], capture_output=True)
+    files = "-fps_mode", "passthrough", "-q:v", "2", images / f"{prefix}%04d.jpg"
+    written = ffmpeg(video, f"fps={rate},select='{select}'", *files)
     if written.returncode:
         raise Refused(f"{video}: ffmpeg: {written.stderr.decode(errors='replace').strip()[-300:]}")
     return f"{len(chosen)} frames of {video.name}, chosen by sharpness and motion"
+
+
+def ffmpeg(video, filters, *output):
+    return subprocess.run(["ffmpeg", "-v", "error", "-i", video, "-vf", filters, *output], capture_output=True)
 
 
 class quiet:
