@@ -17,7 +17,7 @@ fuzz_target!(|bytes: &[u8]| {
     if read_size(&FILE).is_ok_and(|size| size.pixels() > 1 << 12) {
         return;
     }
-    match load_photo(&FILE) {
+    match load_photo(&FILE, [1.0; 3]) {
         Ok(photo) => {
             assert_eq!(photo.data().len(), 3 * photo.width() * photo.height());
             assert!(photo.data().iter().all(|value| (0.0..=1.0).contains(value)));
