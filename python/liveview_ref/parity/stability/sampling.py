@@ -38,7 +38,7 @@ def families() -> list[list[Case]]:
         for by in (0.0, 0.5, 1.0)
         for shift in ((by, 0.0), (-by, by), (width - by, 0.0), (by - width, 0.0), (0.0, by - height))
     ]
-    outside = decades(*range(10), 15, 30, 150, 300)
+    outside = decades(*range(10), 15, 30, 50, 75)
 
     def scaled(family: str, scale: float) -> Case:
         middle = width / 2 * (1 - scale) + 0.3, height / 2 * (1 - scale) - 0.2
