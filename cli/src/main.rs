@@ -65,7 +65,13 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         // The help or the version, or what is wrong with the arguments.
         Err(text) => {
-            let printed = text.print().and_then(|()| std::io::stdout().flush());
+            let printed = if text.use_stderr() {
+                // The reason is the last line.
+                let reason = text.render().to_string().replace("\n\nFor more information, try '--help'.", "");
+                write!(std::io::stderr(), "{reason}")
+            } else {
+                text.print().and_then(|()| std::io::stdout().flush())
+            };
             let code = ExitCode::from(u8::try_from(text.exit_code()).unwrap_or(2));
             return unprinted(printed).unwrap_or(code);
         }

@@ -44,6 +44,7 @@ pub(crate) fn advice(error: &OrtLibraryError) -> Option<String> {
     let (provider, searched) = match error {
         OrtLibraryError::NotFound { provider, .. } => (*provider, true),
         OrtLibraryError::NoProvider { provider, .. } => (*provider, false),
+        OrtLibraryError::NotUsable { path, .. } => return missing_libraries(path),
         _ => return None,
     };
     let get = match provider {
@@ -63,4 +64,13 @@ pub(crate) fn advice(error: &OrtLibraryError) -> Option<String> {
     let environments = environments(provider).join(" and ");
     let also_searched = format!("Nor is it in {environments} of the working directory and above the program. ");
     Some(if searched { also_searched + get } else { get.to_owned() })
+}
+
+/// The libraries that a library needs and that are missing, by `ldd`: the loader's own error does not name them.
+fn missing_libraries(path: &Path) -> Option<String> {
+    let listed = std::process::Command::new("ldd").arg(path).output().ok()?;
+    let text = String::from_utf8_lossy(&listed.stdout).into_owned();
+    let missing = text.lines().filter_map(|line| line.trim().strip_suffix(" => not found"));
+    let missing = missing.collect::<Vec<_>>().join(", ");
+    (!missing.is_empty()).then(|| format!("Missing: {missing}"))
 }

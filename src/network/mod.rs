@@ -83,9 +83,17 @@ pub enum NetworkError {
     },
 }
 
-pub(super) fn unfit(path: &Path, field: impl Into<String>, found: String, expected: impl Into<String>) -> NetworkError {
+fn unfit(path: &Path, field: impl Into<String>, mut found: String, expected: impl Into<String>) -> NetworkError {
+    // Metadata may be of any length.
+    if let Some((end, _)) = found.char_indices().nth(MAX_QUOTED) {
+        found.truncate(end);
+        found.push('…');
+    }
     NetworkError::Unfit { path: path.to_path_buf(), field: field.into(), found, expected: expected.into() }
 }
+
+/// Characters of a model's text that an error repeats.
+const MAX_QUOTED: usize = 80;
 
 /// Refuses a directory, a pipe or a device, whose opening could block; the error says what it is.
 fn check_file(path: &Path) -> Result<(), String> {

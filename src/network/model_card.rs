@@ -176,6 +176,8 @@ mod tests {
             let message = read(&[entry]).unwrap_err();
             assert!(message.contains(expected), "{message}");
         }
+        let message = read(&[("alpha", &"é".repeat(1 << 20))]).unwrap_err();
+        assert!(message.contains(&format!("is {}…, expected", "é".repeat(80))), "{} bytes", message.len());
     }
 
     #[test]

@@ -75,12 +75,18 @@ impl fmt::Debug for OrtLibrary {
     }
 }
 
+/// Where Linux keeps libraries.
+#[cfg(feature = "load-dynamic")]
+const FOLDERS: [&str; 5] =
+    ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
+
 /// ONNX Runtime has one environment per process.
 static LOADED: Mutex<Option<OrtLibrary>> = Mutex::new(None);
 
 impl OrtLibrary {
-    /// Loads the library at `path` if given, else at the environment variable `ORT_DYLIB_PATH`,
-    /// else from the system's library folders, to compute on `provider`. A process can load only
+    /// Loads the library at `path` if given, else at the environment variable `ORT_DYLIB_PATH` (a name
+    /// without a folder is searched in the folders that follow), else from the folders of `LD_LIBRARY_PATH`
+    /// and the system's, to compute on `provider`. A process can load only
     /// one library. With the cargo feature `download-binaries` in place of `load-dynamic` the
     /// library is linked at build time, and `path` must be `None`.
     ///
@@ -120,15 +126,18 @@ impl OrtLibrary {
     /// The file that [`Self::load`] loads.
     #[cfg(feature = "load-dynamic")]
     fn file(provider: ExecutionProvider, path: Option<&Path>) -> Result<PathBuf, OrtLibraryError> {
+        let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty());
+        let paths = variable("LD_LIBRARY_PATH").unwrap_or_default();
+        let folders: Vec<PathBuf> = std::env::split_paths(&paths).chain(FOLDERS.map(PathBuf::from)).collect();
         let named = path.map(Path::to_path_buf).or_else(|| {
-            let variable = std::env::var_os("ORT_DYLIB_PATH").filter(|value| !value.is_empty());
-            variable.map(PathBuf::from)
+            let file = PathBuf::from(variable("ORT_DYLIB_PATH")?);
+            // A name without a folder is one that the loader searches for.
+            let mut searched = folders.iter().filter(|_| file.components().count() == 1).map(|at| at.join(&file));
+            searched.find(|file| file.is_file()).or(Some(file))
         });
-        let folders =
-            ["/usr/local/lib", "/usr/lib", "/usr/lib64", "/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu"];
-        let of_system = || folders.iter().find_map(|folder| Self::find_in(Path::new(folder), provider));
+        let of_system = || folders.iter().find_map(|folder| Self::find_in(folder, provider));
         let library = named.or_else(of_system).ok_or_else(|| {
-            let looked_in = "ORT_DYLIB_PATH, system library folders".to_owned();
+            let looked_in = "ORT_DYLIB_PATH, LD_LIBRARY_PATH, system library folders".to_owned();
             OrtLibraryError::NotFound { provider, looked_in }
         })?;
         Ok(std::path::absolute(&library).unwrap_or(library))

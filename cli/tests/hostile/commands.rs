@@ -45,8 +45,9 @@ impl Attack {
             shell.env("MODEL", common::fixture("tiny_v4")).env("ORT", wheel::file(ExecutionProvider::Cpu).unwrap());
             shell.timeout(LIMIT).output().unwrap()
         };
-        // Limits apply only to the shell that sets them.
-        let (limits, setup): (Vec<&str>, Vec<&str>) = self.setup.iter().partition(|line| line.starts_with("  ulimit"));
+        // Limits and variables apply only to the shell that sets them.
+        let applies = |line: &&&str| line.starts_with("  ulimit") || line.starts_with("  export");
+        let (limits, setup): (Vec<&str>, Vec<&str>) = self.setup.iter().partition(applies);
         let prepared = shell(&format!("set -e\n{}", setup.join("\n")));
         if !prepared.status.success() {
             return Some(format!("{}: {}", self.name, String::from_utf8_lossy(&prepared.stderr)));

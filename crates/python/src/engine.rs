@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::{self, ThreadId};
 use std::time::Duration;
 
@@ -42,11 +42,17 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Control {
     /// Asks Python's callback whether the next photo is searched.
     fn next(&self, progress: Option<&Py<PyAny>>, next: DepthProgress<'_>) -> ControlFlow<()> {
-        let called = progress
-            .map(|progress| Python::attach(|py| progress.call1(py, (next.done, next.count, next.name)).map(|_| ())));
-        if let Some(Err(raised)) = called {
-            *locked(&self.raised) = Some(raised);
-            return ControlFlow::Break(());
+        let call = |progress: &Py<PyAny>| {
+            Python::try_attach(|py| progress.call1(py, (next.done, next.count, next.name)).map(|_| ()))
+        };
+        match progress.map_or(Some(Ok(())), call) {
+            Some(Ok(())) => {}
+            Some(Err(raised)) => {
+                *locked(&self.raised) = Some(raised);
+                return ControlFlow::Break(());
+            }
+            // The interpreter exits.
+            None => return ControlFlow::Break(()),
         }
         if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
@@ -139,17 +145,28 @@ const SIGNALS: Duration = Duration::from_millis(50);
 /// The stack of a program's main thread.
 const STACK: usize = 8 << 20;
 
+/// The process that computed first.
+static PROCESS: OnceLock<u32> = OnceLock::new();
+
 /// Runs `work` in a thread of its own, without the interpreter. At a signal `interrupt` is called,
-/// which is to end the work early; the signal's exception then comes in place of its result.
+/// which is to end the work early; the signal's exception then comes in place of its result. The same is
+/// done when the interpreter exits.
 ///
 /// # Errors
 ///
-/// That exception, and `RuntimeError` for a panic.
+/// That exception, and `RuntimeError` for a panic and in a fork of a process that has computed: threads
+/// are not forked, and work would wait for them for ever.
 pub(crate) fn run<T: Send>(
     py: Python<'_>,
     interrupt: impl Fn() + Send + Sync,
     work: impl FnOnce() -> PyResult<T> + Send,
 ) -> PyResult<T> {
+    if *PROCESS.get_or_init(std::process::id) != std::process::id() {
+        return Err(PyRuntimeError::new_err(
+            "this process is a fork of one that used liveview, whose threads are missing; expected a new process: \
+             multiprocessing's start method \"spawn\" or \"forkserver\"",
+        ));
+    }
     py.detach(|| {
         thread::scope(|scope| {
             let (done, waiting) = sync_channel(1);
@@ -162,9 +179,14 @@ pub(crate) fn run<T: Send>(
             let worker = worker.spawn_scoped(scope, work)?;
             let mut signal = None;
             while let Err(RecvTimeoutError::Timeout) = waiting.recv_timeout(SIGNALS) {
-                if let Err(raised) = Python::attach(|py| py.check_signals()) {
-                    signal.get_or_insert(raised);
-                    interrupt();
+                match Python::try_attach(|py| py.check_signals()) {
+                    Some(Ok(())) => {}
+                    Some(Err(raised)) => {
+                        signal.get_or_insert(raised);
+                        interrupt();
+                    }
+                    // The interpreter exits.
+                    None => interrupt(),
                 }
             }
             let result = worker.join().and_then(|result| result);

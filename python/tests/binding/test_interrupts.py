@@ -1,4 +1,4 @@
-"""Ctrl-C while pictures are rendered."""
+"""Ctrl-C, a fork and the end of the interpreter while pictures are rendered."""
 
 import os
 import signal
@@ -84,6 +84,35 @@ assert ended, "no KeyboardInterrupt"
 assert next(frames).name == "frame_0000"
 """
 
+# Argument: the scene. Threads are not forked.
+FORKED = """
+import os, sys
+import liveview
+
+synthesizer = liveview.Synthesizer(liveview.Scene(sys.argv[1], width=168), layers="planes:2")
+synthesizer.render("target_0")
+child = os.fork()
+if child == 0:
+    try:
+        synthesizer.render("target_0")
+    except RuntimeError as error:
+        os._exit(7 if "spawn" in str(error) else 8)
+    os._exit(9)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+synthesizer.render("target_0")
+"""
+
+# Argument: the scene. The interpreter exits while a daemon thread searches.
+DAEMON = """
+import sys, threading
+import liveview
+
+searching = threading.Event()
+synthesizer = liveview.Synthesizer(liveview.Scene(sys.argv[1]), progress=lambda *_: searching.set())
+threading.Thread(target=lambda: synthesizer.render("target_0"), daemon=True).start()
+searching.wait()
+"""
+
 
 def run_script(liveview, script: str, *arguments: str) -> subprocess.CompletedProcess:
     environment = os.environ | {"PYTHONPATH": os.path.dirname(os.path.dirname(liveview.__file__))}
@@ -108,3 +137,15 @@ def test_ctrl_c_ends_a_picture_and_the_next_one_is_whole(liveview, network):
 def test_ctrl_c_ends_only_its_own_call(liveview, script):
     run = run_script(liveview, script)
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_fork_of_a_process_that_has_rendered_is_an_error(liveview):
+    run = run_script(liveview, FORKED)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("_", range(5))
+def test_interpreter_exits_while_a_daemon_thread_renders(liveview, _):
+    run = run_script(liveview, DAEMON)
+    assert (run.returncode, run.stderr) == (0, "")
