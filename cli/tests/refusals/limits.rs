@@ -330,3 +330,26 @@ fn picture_larger_than_the_memory_is_an_error() {
         ["images/2.png: the image is 8192x8192, which takes about 2147 MB of memory", "expected a smaller image"];
     assert_render_refused(&folders, &arguments, &words);
 }
+
+/// An allocation that fails would end the process by a signal; a back trace in an error would wait for ever.
+#[test]
+fn little_memory_is_an_error() {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+    let folder = tempfile::tempdir().unwrap();
+    for megabytes in [130, 200, 280, 360, 440] {
+        for command in [
+            "depth workshop -o $OUT/depth",
+            "inspect workshop",
+            "render workshop --target target_0 --quality fast -o $OUT/a.png",
+            "video rig --camera target --frames 0..2 -o $OUT/frames",
+        ] {
+            let script = format!("ulimit -c 0; ulimit -v {}; exec $LIVEVIEW {command} --json", 1024 * megabytes);
+            let mut shell = Command::new("sh");
+            shell.current_dir(&scenes).args(["-c", &script]).env("LIVEVIEW", env!("CARGO_BIN_EXE_liveview"));
+            shell.env("OUT", folder.path()).env("RAYON_NUM_THREADS", "1").env("RUST_BACKTRACE", "1");
+            let output = shell.timeout(Duration::from_secs(60)).output().unwrap();
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert!(matches!(output.status.code(), Some(0 | 2)), "{megabytes} MB, {command}: {stderr}");
+        }
+    }
+}

@@ -20,18 +20,22 @@ fn limit(available: Option<u64>) -> String {
     )
 }
 
+/// Bytes of address space that a thread reserves for its stack and its heap (glibc), most of them never used.
+const THREAD_BYTES: u64 = 72 << 20;
+
 /// Refuses more bytes than are available, by the memory of the machine and the container and the
-/// limit of the process.
+/// limit of the process, in which so many threads begin to work.
 ///
 /// # Errors
 ///
 /// [`MemoryError`].
-pub fn check(needed: u64) -> Result<(), MemoryError> {
+pub fn check(needed: u64, threads: usize) -> Result<(), MemoryError> {
     let refused = |available| Err(MemoryError { needed, available });
     if let Some(available) = available().filter(|&available| available < needed) {
         return refused(Some(available));
     }
-    if usize::try_from(needed).is_ok_and(can_reserve) { Ok(()) } else { refused(None) }
+    let reserved = needed.saturating_add(threads as u64 * THREAD_BYTES);
+    if usize::try_from(reserved).is_ok_and(can_reserve) { Ok(()) } else { refused(None) }
 }
 
 /// Whether the process can reserve so many bytes of address space; no page of it is touched.
@@ -63,9 +67,9 @@ mod tests {
 
     #[test]
     fn check_more_than_any_machine_has_is_an_error() {
-        assert_eq!(check(1 << 20), Ok(()));
+        assert_eq!(check(1 << 20, 0), Ok(()));
         for needed in [1 << 60, u64::MAX] {
-            let message = check(needed).unwrap_err().to_string();
+            let message = check(needed, 2).unwrap_err().to_string();
             assert!(message.starts_with(&format!("takes about {} MB of memory; ", needed / 1_000_000)), "{message}");
         }
     }

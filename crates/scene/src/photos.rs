@@ -123,7 +123,7 @@ const BYTES_PER_PIXEL: u64 = 32;
 /// ends early.
 pub fn load_photo(path: &Path, background: [f32; 3]) -> Result<ImageRgb, SceneError> {
     let size = read_size(path)?;
-    let check = memory::check(BYTES_PER_PIXEL * size.pixels() as u64);
+    let check = memory::check(BYTES_PER_PIXEL * size.pixels() as u64, 0);
     check.map_err(|source| SceneError::PhotoMemory { path: path.to_owned(), size, source })?;
     let bytes = bounded::read(path, bounded::MAX_BYTES);
     let bytes = bytes.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;

@@ -52,7 +52,7 @@ pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
 pub use depth_range::depth_range;
 pub use followed_depth::{FollowedDepth, StepPhoto};
 pub use fusion::Surface;
-pub use photo_depth::{PhotoDisparity, photo_depth};
+pub use photo_depth::{PhotoDisparity, photo_depth, search_bytes};
 pub use target_surface::{PhotoCorrection, TargetSurface, photo_corrections};
 
 /// What a frame reuses of the one before.

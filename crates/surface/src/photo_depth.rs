@@ -33,7 +33,7 @@ use crate::grid::{Candidates, Grid, Planes, SEGMENT, has_many_planes, tile_range
 use crate::neighbourhood::median3;
 use crate::parallax::widest_parallax;
 use crate::photo_sweep::{COST_SCALE, costs};
-use liveview::geometry::{PlaneSweep, Size};
+use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::warp::{SourceView, Texture, WarpSource, round_to_i32};
 
 /// Pixels per side of a cell of the first search.
@@ -51,7 +51,8 @@ pub fn photo_depth(photo: &SourceView<'_>, neighbours: &[SourceView<'_>], near: 
 /// The second search of the first of these photos, around the result of the first search.
 pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDisparity {
     let (photo, neighbours) = views.split_first().expect("a photo");
-    let CellSearch { photo: cells, grid, index, disparity_per_pixel, .. } = first;
+    let CellSearch { photo: cells, grid, index, disparity_per_pixel, costs: spent } = first;
+    drop(spent);
     let fine = grid.divided(FINE_PER_COARSE);
     let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count);
     let candidates = Candidates::Segments { starts: &starts, columns: cells.width, cells_per_side: CELL };
@@ -98,6 +99,27 @@ const PLANE_COUNT: std::ops::RangeInclusive<usize> = 32..=256;
 /// Distance between the planes, pixels of parallax per pixel of a cell's side.
 pub(crate) const PLANE_SPACING: f64 = 0.5;
 
+/// Of the first of these cameras among the others: the plane sweeps, the pixels of parallax from the first to the
+/// last plane in the neighbour where it is largest, and the number of planes for cells of `cell` pixels a side.
+fn sweep(cameras: &[&Camera], cell: usize, (near, far): (f64, f64)) -> (Vec<PlaneSweep>, f64, usize) {
+    let (photo, neighbours) = cameras.split_first().expect("a photo");
+    let sweeps: Vec<_> = neighbours.iter().map(|camera| PlaneSweep::new(camera, photo)).collect();
+    let parallax = widest_parallax(&sweeps, photo.size(), near, far).max(1.0);
+    let count = (parallax / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
+    (sweeps, parallax, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()))
+}
+
+/// Bytes of the costs of the search for the depth of a photo among its neighbours, their cameras given in that
+/// order, with their sums and what else it takes at the size of the photo.
+pub fn search_bytes(cameras: &[&Camera], range: (f64, f64)) -> usize {
+    let pixels = cameras[0].size().pixels();
+    let planes = sweep(cameras, CELL, range).2.next_multiple_of(2 * SEGMENT);
+    let first = pixels / (CELL * CELL) * planes;
+    let second = pixels * 2 * SEGMENT;
+    // Costs and sums of 16 bits; maps and pictures at the size of the photo.
+    4 * first.max(second) + 60 * pixels
+}
+
 /// A search on cells, and what it found.
 pub(crate) struct CellSearch {
     /// The photo by cells.
@@ -124,12 +146,9 @@ impl CellSearch {
         coarser: impl FnOnce() -> Option<PhotoDisparity>,
     ) -> Self {
         let (photo, neighbours) = views.split_first().expect("a photo");
-        let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
-        // From the first to the last plane, in the neighbour where it is largest; pixels of the full
-        // size.
-        let parallax = widest_parallax(&sweeps, photo.camera.size(), near, far).max(1.0);
-        let count = (parallax / (PLANE_SPACING * cell as f64)).ceil() as usize + 1;
-        let grid = Grid::new(near, far, count.clamp(*PLANE_COUNT.start(), *PLANE_COUNT.end()));
+        let cameras: Vec<_> = views.iter().map(|view| view.camera).collect();
+        let (sweeps, parallax, count) = sweep(&cameras, cell, (near, far));
+        let grid = Grid::new(near, far, count);
         let coarser = if has_many_planes(&grid) { coarser() } else { None };
         let sources = neighbours.iter().zip(&sweeps);
         let sources: Vec<_> = sources.map(|(n, sweep)| WarpSource::new(n.texture, sweep.shrunk(cell as f64))).collect();

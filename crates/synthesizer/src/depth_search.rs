@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use crate::shot::LoadedPhoto;
-use crate::{DepthSource, SynthesisError};
+use crate::{DepthSource, SynthesisError, memory};
 use liveview::warp::{SourceView, Texture};
 use liveview_scene::Scene;
 use liveview_surface::cache::{DepthCache, DepthKey, PhotoDigest};
@@ -69,7 +69,7 @@ impl DepthSearch {
     ///
     /// # Errors
     ///
-    /// [`SynthesisError::Scene`] for a photo that cannot be read.
+    /// [`SynthesisError::Scene`] for a photo that cannot be read; [`SynthesisError::DepthMemory`].
     pub fn run(mut self) -> Result<FoundDepth, SynthesisError> {
         // The depth of a photo without neighbours is not worth a file.
         let folder = self.folder.take().filter(|_| self.photos.len() > 1);
@@ -83,6 +83,7 @@ impl DepthSearch {
                 Err(damage) => notes.push(format!("{damage}: the depth is searched again")),
             }
         }
+        memory::check_search(&self.scene, &self.searched[0], self.range)?;
         let photos = self.load()?;
         let sources: Vec<SourceView<'_>> = photos.iter().map(LoadedPhoto::source).collect();
         let started = Instant::now();

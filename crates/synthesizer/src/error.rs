@@ -92,6 +92,16 @@ pub enum SynthesisError {
         /// How much memory.
         source: MemoryError,
     },
+    /// The search for a photo's depth needs more memory than is available.
+    #[error("{photo}: the search for the depth of {size} {source}; expected smaller photos")]
+    DepthMemory {
+        /// Name of the photo's view.
+        photo: String,
+        /// Its size, pixels.
+        size: Size,
+        /// How much memory.
+        source: MemoryError,
+    },
     /// The network failed.
     #[error(transparent)]
     Render(#[from] RenderError),

@@ -41,6 +41,7 @@ pub use layer_spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
 pub use liveview::{Camera, Frame, ImageRgb};
 pub use liveview_scene::{Scene, SceneOptions};
 pub use liveview_surface::{PhotoCorrection, TargetSurface};
+pub use memory::check_video;
 pub use metrics::{Score, psnr, ssim};
 pub use model::{
     MAX_THREADS, Model, ModelNotFound, ModelOptions, OpenedRenderer, Options, ThreadsError, check_threads, find_model,

@@ -15,7 +15,7 @@ use anyhow::{Result, bail};
 use liveview::render::Renderer;
 use liveview::{Camera, ImageRgb};
 use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews};
+use liveview_synthesizer::{LayerSpec, SceneViews, check_video};
 use serde_json::Value;
 
 use crate::ffmpeg::FrameRate;
@@ -109,6 +109,13 @@ impl Video {
         let truth = settings.viewpoint.truth;
         let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != truth).collect();
         let read = rig.cameras_for(&settings.viewpoint.cameras, &free, (fewest, views + SPARE_CAMERAS))?;
+        let cameras: Vec<&Camera> = read.iter().map(|&camera| &rig.views.scene().views[camera].camera).collect();
+        let target = settings.viewpoint.camera(0).size();
+        // A thread reads each camera; others match them by time, render and write.
+        if let Err(error) = check_video(&cameras, target, cameras.len() + 3) {
+            let (count, size) = (cameras.len(), cameras[0].size());
+            bail!("a video of {target} from {count} cameras such as {size} {error}; expected smaller photos");
+        }
         let session = settings.rig.session(renderers, &read, settings.policy)?;
         let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
         let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
