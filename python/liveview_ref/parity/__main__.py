@@ -16,6 +16,10 @@ import argparse
 import sys
 from pathlib import Path
 
+DEPARTS = """\
+A stage departs where Rust's error exceeds its bound (parity/tolerances.json gives the reason for each): the stages
+before it are right, and the row says where it is worst. "torch itself departs": float32 torch is beyond the bound as
+well, so that the case is stiff, not Rust wrong. Please report the table with the scene."""
 SEARCH_WIDTH = 96  # pixels; six photos take about half a minute, and eight times that at twice the width
 
 
@@ -35,6 +39,7 @@ def main() -> int:
     parser.add_argument("--images", help="the photos' folder")
     parser.add_argument("--width", type=int)
     parser.add_argument("--search-width", type=int, default=SEARCH_WIDTH)
+    parser.add_argument("--both-ways", action="store_true", help="a stage whose decisions are all the same departs")
     options = vars(parser.parse_args())
     try:
         first = first_that_departs(**options)
@@ -45,11 +50,20 @@ def main() -> int:
         print(f"the reference ended the program: {end!r}", file=sys.stderr)
         return 1
     print(f"first stage that departs: {first or 'none'}")
+    if first:
+        print(DEPARTS, file=sys.stderr)
     return int(first is not None)
 
 
 def first_that_departs(
-    scene: Path, target: str, images: str | None, width: int | None, search_width: int, network: str | None, **options
+    scene: Path,
+    target: str,
+    images: str | None,
+    width: int | None,
+    search_width: int,
+    network: str | None,
+    both_ways: bool,
+    **options,
 ) -> str | None:
     # Here, because it needs the wheel, and so that an exit on import is an error as well.
     from ..extension import liveview
@@ -62,7 +76,7 @@ def first_that_departs(
     if rendered.about["layers"].startswith("surface") and search_width:
         small = liveview.Scene(scene, width=min(search_width, width or search_width), images=images)
         reduced = Rendered.of(small, target, **options)
-    return report(scene, rendered, reduced)
+    return report(scene, rendered, reduced, both_ways)
 
 
 if __name__ == "__main__":

@@ -53,15 +53,24 @@ class Errors(NamedTuple):
         return Errors(max(self.largest, more.largest), mean, worse.where, self.others + more.others)
 
 
+def took(name: str, exact: np.ndarray) -> tuple[int, int] | None:
+    """Of decisions: how many elements decide for (or have a disparity), and how many against."""
+    if exact.dtype != bool and name not in ("anchor", "splat"):
+        return None
+    count = int((exact if exact.dtype == bool else exact >= 0).sum())
+    return count, exact.size - count
+
+
 class Compared(NamedTuple):
     """An output of a stage: its name in the table, its entry of the tolerance file, the number of
-    its elements, and the errors of Rust and of torch."""
+    its elements, the errors of Rust and of torch, and of decisions how many are for and against."""
 
     name: str
     entry: str
     elements: int
     ours: Errors
     theirs: Errors
+    took: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, name: str, found: tuple[np.ndarray, ...], entry: str | None = None, scaled: bool = False) -> "Compared":
@@ -71,12 +80,14 @@ class Compared(NamedTuple):
         decision = tolerance.get("decision", tolerance["ceiling"]) if "doubtful" in tolerance else np.inf
         rust, exact, single = (np.asarray(x) for x in found)
         errors = (Errors.of(x, exact, scaled, decision) for x in (rust, single))
-        return cls(name, entry or name, exact.size, *errors)
+        return cls(name, entry or name, exact.size, *errors, took(name, exact))
 
     def joined(self, more: "Compared") -> "Compared":
         weights = self.elements, more.elements
         both = self.ours.joined(more.ours, weights), self.theirs.joined(more.theirs, weights)
-        return self._replace(elements=sum(weights), ours=both[0], theirs=both[1])
+        kinds = [one.took or (one.elements, 0) for one in (self, more)]
+        took = tuple(map(sum, zip(*kinds, strict=True))) if self.took or more.took else None
+        return self._replace(elements=sum(weights), ours=both[0], theirs=both[1], took=took)
 
     @property
     def departs(self) -> bool:
@@ -91,12 +102,18 @@ class Compared(NamedTuple):
         where = ", ".join(str(i) for i in self.ours.where)
         errors = f"{self.ours.largest:.1e} | {self.theirs.largest:.1e} | {self.ours.mean:.1e} | {self.theirs.mean:.1e}"
         others = f"{self.ours.others} | {self.theirs.others}"
-        return f"| {self.name} | {self.elements} | {errors} | {others} | [{where}] | {verdict} |"
+        kinds = f"{self.took[0]}, {self.took[1]}" if self.took else ""
+        return f"| {self.name} | {self.elements} | {errors} | {others} | {kinds} | [{where}] | {verdict} |"
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether all its decisions are the same."""
+        return self.took is not None and 0 in self.took
 
 
 HEAD = (
     "| stage | elements | Rust max | torch max | Rust mean | torch mean | Rust decides otherwise | torch does "
-    "| worst at | |\n|---|---|---|---|---|---|---|---|---|---|"
+    "| decided for, against | worst at | |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 
 

@@ -83,8 +83,12 @@ def camera_of(camera) -> Camera:
 
 def choice(rendered: Rendered) -> Compared:
     cameras = [camera_of(rendered.scene.cameras[view]) for view in rendered.free]
-    chosen = choose_views(cameras, rendered.target, len(rendered.photos))
-    return exact("views", rendered.data["shot.photos"], [rendered.free[i] for i in chosen])
+    views, photos = (
+        choose_views(cameras, rendered.target, count)
+        for count in (rendered.data["coverage"].shape[1], len(rendered.photos))
+    )
+    helpers = [i for i in photos if i not in views]
+    return exact("views", rendered.data["shot.photos"], [rendered.free[i] for i in views + helpers])
 
 
 def known_range(rendered: Rendered, views: list[int]) -> tuple[float, float] | None:
@@ -213,8 +217,9 @@ def weights(model: Path, net: UNet) -> Iterator[Compared]:
         yield Compared.of("weights", (mine, original, original))
 
 
-def report(name: Path, rendered: Rendered, reduced: Rendered | None) -> str | None:
-    """Prints the table; returns the first stage that departs."""
+def report(name: Path, rendered: Rendered, reduced: Rendered | None, both_ways: bool) -> str | None:
+    """Prints the table; returns the first stage that departs. `both_ways`: a stage whose decisions are all
+    the same departs, too."""
     data, about = rendered.data, rendered.about
     if logits_entry(about) not in TOLERANCES:
         raise ValueError(f"parity/tolerances.json: no bound for {logits_entry(about)}")
@@ -227,7 +232,7 @@ def report(name: Path, rendered: Rendered, reduced: Rendered | None) -> str | No
     first = None
     for one in rows(rendered, reduced, net):
         print(one.row(), flush=True)
-        first = first or (one.name if one.departs else None)
+        first = first or (one.name if one.departs or both_ways and one.is_one_sided else None)
     chosen = np.array_equal(stages.best_layer(data), data["best_layer"])
     print(f"\nthe same layer chosen at each pixel: {'yes' if chosen else 'NO'}")
     first = first or (None if chosen else "best_layer")
