@@ -114,7 +114,7 @@ impl Engine {
         let layers = synthesizer.layers().clone();
         let opened = options.open_renderer(Some(&layers)).map_err(library)?;
         *synthesizer.renderer_mut() = opened.renderer;
-        *locked(&self.runs) = opened.run_end;
+        *locked(&self.runs) = opened.model.map(|model| model.run_end);
         Ok(())
     }
 }

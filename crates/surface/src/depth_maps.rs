@@ -102,19 +102,6 @@ impl DepthMaps {
         self.correction = self.correction.take().filter(|_| !new && !self.steps.is_multiple_of(CORRECTION_STEPS));
     }
 
-    /// What compares a new depth of photo `index` with those of a set that are known.
-    pub fn comparison(&self, index: usize, set: &[usize]) -> Comparison {
-        let others = set.iter().filter(|&&other| other != index);
-        let known = others.filter_map(|&other| Some((other, self.cameras[other].clone(), self.maps[other].clone()?)));
-        Comparison { photo: index, camera: self.cameras[index].clone(), others: known.collect() }
-    }
-
-    /// As [`Self::insert`], with the votes of [`Self::comparison`].
-    pub fn insert_compared(&mut self, index: usize, depth: PhotoDisparity, votes: Votes) {
-        self.insert(index, depth);
-        self.votes.extend(votes);
-    }
-
     /// Drops the depth of all photos but `keep`, and what compares it; of that between photos of which one
     /// is not needed `soon`, 64 MiB stay.
     pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
@@ -208,31 +195,7 @@ impl DepthMaps {
     }
 }
 
-/// Depths of other photos, to compare that of a photo with once it is found, on any thread.
-#[derive(Debug)]
-pub struct Comparison {
-    photo: usize,
-    camera: Camera,
-    others: Vec<(usize, Camera, Arc<PhotoDisparity>)>,
-}
-
-impl Comparison {
-    /// The votes of the other maps on the photo's, and of the photo's on them.
-    pub fn votes(&self, depth: &PhotoDisparity) -> Votes {
-        let own = (&self.camera, depth);
-        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDisparity>)| {
-            let (other, other_map) = (*other, (camera, &**map));
-            let pairs = [[other, self.photo], [self.photo, other]];
-            pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
-        };
-        self.others.iter().flat_map(votes).collect()
-    }
-}
-
-/// Votes of the map of one photo on another's, by `[voter, judged]`.
-pub type Votes = HashMap<[usize; 2], ConsistencyVotes>;
-
-/// Votes, with the number of the request that used them last.
+/// Votes of the map of one photo on another's, by `[voter, judged]`, with the number of the request that used them last.
 #[derive(Debug, Clone, Default)]
 struct KeptVotes {
     votes: HashMap<[usize; 2], (u64, ConsistencyVotes)>,
@@ -253,12 +216,6 @@ impl KeptVotes {
             votes.0 = self.requests;
         }
         voters.iter().map(|&voter| &self.votes[&[voter, judged]].1).collect()
-    }
-
-    /// Takes votes that were computed elsewhere.
-    pub(crate) fn extend(&mut self, votes: Votes) {
-        self.requests += 1;
-        self.votes.extend(votes.into_iter().map(|(pair, votes)| (pair, (self.requests, votes))));
     }
 
     /// Drops the votes on a photo's map and those of it.

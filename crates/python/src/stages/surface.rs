@@ -57,7 +57,7 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
     check_range(near, far)?;
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(stages::surface(&views, &target, (near, far), true))
+        Ok(stages::surface(&views, &target, (near, far)))
     })?;
     let guessed = found.guessed_share();
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed))
