@@ -162,11 +162,11 @@ impl Watchdog {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub(crate) struct ProcessHandle(Arc<Mutex<Child>>);
+pub struct ProcessHandle(Arc<Mutex<Child>>);
 
 impl ProcessHandle {
     /// Kills the process.
-    pub(crate) fn kill(&self) {
+    pub fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();
