@@ -63,7 +63,7 @@ impl OutputPlan {
     /// program did not write, or the record of a run; if it would be read as part of the scene; or
     /// if it cannot be a file.
     pub(crate) fn file(&mut self, option: &str, file: &Path) -> Result<()> {
-        self.add(option, file, Existing::Replaced)
+        self.add(option, file, false)
     }
 
     /// Adds a file whose name the program chose, such as the record of a run.
@@ -72,10 +72,11 @@ impl OutputPlan {
     ///
     /// As [`Self::file`], but outside the scene any JSON of that name is replaced.
     pub(crate) fn named_file(&mut self, option: &str, file: &Path) -> Result<()> {
-        self.add(option, file, Existing::ReplacedByName)
+        self.add(option, file, true)
     }
 
-    fn add(&mut self, option: &str, file: &Path, existing: Existing) -> Result<()> {
+    /// `by_name`: a name that the program chose, under which an earlier run may have left a damaged file.
+    fn add(&mut self, option: &str, file: &Path, by_name: bool) -> Result<()> {
         let shown = format!("{option} {}", file.display());
         refuse_stdout(option, file)?;
         let refused = |why: String| anyhow!("{shown}: cannot be written: {why}");
@@ -96,7 +97,7 @@ impl OutputPlan {
             bail!("{shown}: {other} is the same file; expected different files");
         }
         if !is_special(file) {
-            self.check(&shown, file, &real, existing)?;
+            self.check(&shown, file, &real, by_name)?;
         }
         self.planned.insert(real, shown.clone());
         self.files.push((shown, file.to_owned()));
@@ -150,13 +151,13 @@ impl OutputPlan {
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
     /// a scene.
-    fn check(&self, shown: &str, file: &Path, real: &Path, existing: Existing) -> Result<()> {
+    fn check(&self, shown: &str, file: &Path, real: &Path, by_name: bool) -> Result<()> {
         if let Ok(identity) = Identity::of(file) {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
             let scene = real.starts_with(&self.scene.root).then_some(&*self.scene.root);
-            check_own(shown, file, scene, existing)?;
+            check_own(shown, file, scene, by_name)?;
         }
         if let Some(part) = self.scene.reads(real) {
             let root = self.scene.root.display();
@@ -225,18 +226,10 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
 /// Bytes at the start of a picture file that include the program's tag.
 const TAGGED_BYTES: u64 = 256;
 
-/// What becomes of an existing file.
-#[derive(Clone, Copy, PartialEq)]
-enum Existing {
-    Replaced,
-    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
-    ReplacedByName,
-}
-
 /// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
 /// the scene that holds it.
-fn check_own(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
-    let replaces_json = existing == Existing::Replaced && is_json(file);
+fn check_own(shown: &str, file: &Path, scene: Option<&Path>, by_name: bool) -> Result<()> {
+    let replaces_json = !by_name && is_json(file);
     if replaces_json && json(file)["job"].is_string() {
         bail!("{shown}: would overwrite the record of a run; expected another file");
     }

@@ -4,7 +4,6 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -76,22 +75,42 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     let bar = progress()?.with_prefix("photos");
     bar.set_length(views.len() as u64);
     let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
-    let (mut reports, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
-    for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
+    let (mut rows, mut reports, mut range) = (Vec::new(), Vec::new(), (0.0, 0.0));
+    for (index, (&view, files)) in views.iter().zip(&all_files).enumerate() {
         if stop.load(Ordering::Relaxed) {
             bar.finish_and_clear();
             return Err(interrupt::Interrupted.into());
         }
-        bar.set_message(photos.views().scene().views[view].name.clone());
-        let depth = photos.view_depth(view, &held_out, &views[index + 1..])?;
-        write(&files, &depth)?;
+        let name = photos.views().scene().views[view].name.clone();
+        bar.set_message(name.clone());
+        let depth = photos.view_depth(view, &held_out, &views[index + 1..], false)?;
+        write(files, &depth)?;
         bar.suspend(|| print_notes(&photos.take_notes()));
         range = depth.range;
-        reports.push(Report::new(photos.views().scene().views[view].name.clone(), &depth, files));
+        let (row, json) = report(&name, &depth, files);
+        rows.push((name, row));
+        reports.push(json);
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(report(photos.views().scene(), &reports, range, &held_out))
+    let scene = photos.views().scene();
+    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(5);
+    let mut text = format!("photos: {}, searched from {:.4} to {:.4} scene units\n", rows.len(), range.0, range.1);
+    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time", "photo");
+    for (name, row) in &rows {
+        let _ = writeln!(text, "{name:width$}  {row}");
+    }
+    if rows.len() > 1 {
+        let confirmed = reports.iter().filter_map(|report| report["confirmed"].as_f64()).sum::<f64>();
+        let _ = writeln!(text, "{:width$}  {:7.1} %", "mean", 100.0 * confirmed / rows.len() as f64);
+    }
+    let _ = writeln!(text, "\nwrote {} files in {}", 4 * rows.len(), args.output.display());
+    let json = json!({
+        "scene": path_text(&scene.root), "near": range.0, "far": range.1,
+        "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
+        "photos": reports, "peak_memory_bytes": peak_memory(), "notes": scene.notes,
+    });
+    Ok(Output { text, json })
 }
 
 /// The views to write, and those that are held out.
@@ -165,81 +184,24 @@ fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
     files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))
 }
 
-/// The report on the depth of the photos, as text and as JSON.
-fn report(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
-    let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
-    let mut text = format!("photos: {}, searched from {near:.4} to {far:.4} scene units\n", reports.len());
-    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time", "photo");
-    for Report { name, source, seconds, confirmed, span, .. } in reports {
-        let span = match *span {
-            Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
-            None => format!("{:>10}  {:>10}", "-", "-"),
-        };
-        let time = match source {
-            DepthSource::Kept => format!("{} kept", time_text(Duration::from_secs_f64(*seconds))),
-            DepthSource::Alone => "alone".to_owned(),
-            _ => time_text(Duration::from_secs_f64(*seconds)),
-        };
-        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}", 100.0 * confirmed);
-    }
-    if reports.len() > 1 {
-        let confirmed = reports.iter().map(|one| one.confirmed).sum::<f64>() / reports.len() as f64;
-        let _ = writeln!(text, "{:width$}  {:7.1} %", "mean", 100.0 * confirmed);
-    }
-    if let [first, ..] = reports {
-        let folder = first.files[0].parent().unwrap_or(Path::new(""));
-        let _ = writeln!(text, "\nwrote {} files in {}", 4 * reports.len(), folder.display());
-    }
-    let json = json!({
-        "scene": path_text(&scene.root), "near": near, "far": far,
-        "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
-        "photos": reports.iter().map(photo).collect::<Vec<_>>(), "peak_memory_bytes": peak_memory(), "notes": scene.notes,
-    });
-    Output { text, json }
-}
-
-fn photo(report: &Report) -> Value {
-    let Report { name, source, seconds, confirmed, span, disparity_per_pixel, files } = report;
-    let source = match source {
-        DepthSource::Kept => "kept",
-        DepthSource::Alone => "alone",
-        _ => "searched",
+/// The report on the depth of a photo: a row of the table without the name, and JSON.
+fn report(name: &str, depth: &ViewDepth, files: &[PathBuf; 4]) -> (String, Value) {
+    let known = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
+    let (low, high) = known().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
+    let confirmed = depth.confirmed.share();
+    let span = (low <= high).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low)));
+    let (nearest, farthest) = span.unzip();
+    let cell = |depth: Option<f64>| depth.map_or_else(|| format!("{:>10}", "-"), |depth| format!("{depth:10.4}"));
+    let (source, time) = match depth.source {
+        DepthSource::Kept => ("kept", format!("{} kept", time_text(depth.time))),
+        DepthSource::Alone => ("alone", "alone".to_owned()),
+        _ => ("searched", time_text(depth.time)),
     };
-    json!({
-        "name": name, "confirmed": confirmed, "nearest": span.map(|span| span.0), "farthest": span.map(|span| span.1),
-        "disparity_per_pixel_of_parallax": disparity_per_pixel, "source": source, "seconds": seconds,
-        "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
-    })
-}
-
-/// The report on a photo's depth.
-struct Report {
-    name: String,
-    source: DepthSource,
-    seconds: f64,
-    /// Share of the pixels that other photos confirm, 0 to 1.
-    confirmed: f64,
-    /// Nearest and farthest confirmed depth, in scene units.
-    span: Option<(f64, f64)>,
-    /// Disparity of one pixel of parallax, in 1/scene unit.
-    disparity_per_pixel: f32,
-    files: [PathBuf; 4],
-}
-
-impl Report {
-    fn new(name: String, depth: &ViewDepth, files: [PathBuf; 4]) -> Self {
-        let confirmed = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
-        let (low, high) =
-            confirmed().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
-        let count = confirmed().count();
-        Self {
-            name,
-            source: depth.source,
-            seconds: depth.time.as_secs_f64(),
-            confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
-            span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-            disparity_per_pixel: depth.found.disparity_per_pixel,
-            files,
-        }
-    }
+    let row = format!("{:7.1} %  {}  {}  {time:>12}", 100.0 * confirmed, cell(nearest), cell(farthest));
+    let json = json!({
+        "name": name, "confirmed": confirmed, "nearest": nearest, "farthest": farthest,
+        "disparity_per_pixel_of_parallax": depth.found.disparity_per_pixel, "source": source,
+        "seconds": depth.time.as_secs_f64(), "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
+    });
+    (row, json)
 }

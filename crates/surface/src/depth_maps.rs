@@ -130,7 +130,10 @@ impl DepthMaps {
     /// # Panics
     ///
     /// If there are no photos, or one is without depth.
-    pub fn nearer_by_others(&mut self, photos: &[(usize, SourceView<'_>)]) -> (PhotoDisparity, ConfirmedDisparity) {
+    pub fn nearer_by_others(
+        &mut self,
+        photos: &[(usize, SourceView<'_>)],
+    ) -> (Arc<PhotoDisparity>, ConfirmedDisparity) {
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed = self.confirmed_by(set[0], &set);
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
@@ -138,7 +141,7 @@ impl DepthMaps {
         let nearer = nearer_edges(&found, 0, &confirmed);
         let others = found[1..].iter().map(|&(view, depth)| (view.camera, depth));
         let confirmed = confirmed_by((found[0].0.camera, &nearer), others);
-        (nearer, confirmed)
+        (Arc::new(nearer), confirmed)
     }
 
     /// The depths of these photos (indices with cameras and photos), in their order, where they confirm

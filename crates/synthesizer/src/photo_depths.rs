@@ -69,7 +69,8 @@ impl ScenePhotos {
 
     /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
     /// not searched again as long as the same views are held out. Photos that none of the `later`
-    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay.
+    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay. With `nearer_edges`
+    /// it is moved to the nearer side at edges where the neighbours show that: for a surface that is drawn.
     ///
     /// # Errors
     ///
@@ -84,13 +85,19 @@ impl ScenePhotos {
         view: usize,
         held_out: &[usize],
         later: &[usize],
+        nearer_edges: bool,
     ) -> Result<ViewDepth, SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let wanted = depth.with_neighbours(view);
         self.find_all(held_out, &wanted)?;
+        let photos = if nearer_edges { self.load_views(&wanted)? } else { Vec::new() };
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let (source, time) = depth.sources[view];
-        let (found, confirmed) = depth.maps.confirmed_by_neighbours(view).expect("found just now");
+        let (found, confirmed) = if nearer_edges {
+            depth.maps.nearer_by_others(&photos.iter().map(|photo| (photo.view, photo.source())).collect::<Vec<_>>())
+        } else {
+            depth.maps.confirmed_by_neighbours(view).expect("found just now")
+        };
         let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
         let mut spare = self.kept_bytes;
@@ -102,31 +109,6 @@ impl ScenePhotos {
         let searched: Vec<usize> = unknown.flat_map(|&view| depth.with_neighbours(view)).collect();
         self.retain_photos(|view| searched.contains(&view));
         Ok(found)
-    }
-
-    /// As [`Self::view_depth`], moved to the nearer side at edges where the photo's neighbours show that: for a surface that is drawn.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`Self::view_depth`].
-    ///
-    /// # Panics
-    ///
-    /// If there is no such view, or it is held out.
-    pub fn edge_depth(
-        &mut self,
-        view: usize,
-        held_out: &[usize],
-        later: &[usize],
-    ) -> Result<ViewDepth, SynthesisError> {
-        let wanted = with_held_out(&mut self.depth, &self.views, held_out)?.with_neighbours(view);
-        self.find_all(held_out, &wanted)?;
-        let photos = self.load_views(&wanted)?;
-        let photos: Vec<_> = photos.iter().map(|photo| (photo.view, photo.source())).collect();
-        let maps = &mut with_held_out(&mut self.depth, &self.views, held_out)?.maps;
-        let (found, confirmed) = maps.nearer_by_others(&photos);
-        let depth = self.view_depth(view, held_out, later)?;
-        Ok(ViewDepth { found: Arc::new(found), confirmed, ..depth })
     }
 
     /// Finds the depth of these views' photos where it is unknown.

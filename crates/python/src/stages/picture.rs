@@ -206,7 +206,7 @@ pub(crate) fn render_scene<'py>(
         if plan.surface.is_some() {
             let views: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
             for &view in &views {
-                let found = synthesizer.photos_mut().view_depth(view, &shot.held_out, &views);
+                let found = synthesizer.photos_mut().view_depth(view, &shot.held_out, &views, false);
                 depths.push(found.map_err(library)?);
             }
         }
