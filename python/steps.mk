@@ -68,10 +68,12 @@ setup-ray: .venv-ray/.setup
 .PHONY: report-sweep report-live report-readme
 
 ## Error against run time (a quarter of an hour on an idle machine): models/report, then the readme step.
-report-sweep: build setup setup-openvino
+report-sweep: build setup setup-openvino wheel
 	for v in 4 5; do \
-		PYTHONPATH=python $(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "cpu int8,openvino f32,openvino int8" \
-			--reference "$(BIN)/python -m liveview_ref.competitors.worker" --repetitions 3 -o models/report/v$$v || exit 1; \
+		$(LIVEVIEW) sweep $(SCENE) --target target_0,target_1 --views $$v --engines "cpu int8,openvino f32,openvino int8" \
+			--repetitions 3 -o models/report/v$$v || exit 1; \
+		PYTHONPATH=python $(BIN)/python -m liveview_ref.competitors models/report/v$$v/sweep.json \
+			--model models/liveview_v$$v.onnx || exit 1; \
 	done
 	$(LIVEVIEW) sweep $(SCENE) --target target_0 --layers guided:2,guided:4,planes:8,planes:16 --widths 504,800,1200,1760 \
 		--repetitions 3 -o models/report/scaling

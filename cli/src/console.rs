@@ -6,6 +6,7 @@ use std::io::Write;
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use liveview::network::NetworkError;
 use liveview_scene::SceneError;
 use liveview_synthesizer::SynthesisError;
 
@@ -49,6 +50,9 @@ pub(crate) fn advice(error: &SynthesisError) -> Option<String> {
         }
         SynthesisError::Library(error) => ort_wheel::advice(error),
         SynthesisError::Threads { .. } => Some("Give --threads".to_owned()),
+        SynthesisError::Network(NetworkError::Unfit { field, .. }) if field.contains("recommended_layers") => {
+            Some("Or give --layers".to_owned())
+        }
         _ => None,
     }
 }

@@ -54,7 +54,7 @@ enum Command {
     Bake(bake::BakeArgs),
     /// Show how a scene is read, which planes a view needs, or what a model is
     Inspect(Box<inspect::InspectArgs>),
-    /// Write the depth of the photos, and score it if the scene has true depth
+    /// Write the depth of the photos
     Depth(depth::DepthArgs),
     /// Measure error against run time for kinds and numbers of layers
     Sweep(sweep::SweepArgs),
@@ -99,9 +99,7 @@ fn main() -> ExitCode {
     }
     match &cli.command {
         // The sweep that started the worker prints it.
-        Command::Sweep(args) if args.is_worker() => {
-            drop(liveview_bench::send_line(&serde_json::json!({ "error": message })))
-        }
+        Command::Sweep(args) if args.is_worker() => drop(sweep::send_line(&serde_json::json!({ "error": message }))),
         _ => console::print_message("error", message),
     }
     ExitCode::from(if is_interrupted { interrupt::EXIT_CODE } else { 2 })

@@ -1,9 +1,7 @@
 //! Checks, before any work, that no output overwrites an input of the command, another output, a
 //! file of the scene folder, or JSON that the program did not write. Paths are compared after resolving links and `..`.
 
-use std::cell::OnceCell;
 use std::collections::{BTreeSet, HashMap};
-use std::ffi::OsString;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -26,8 +24,8 @@ pub(crate) struct OutputPlan {
     scene: SceneFolder,
     /// Descriptions of the inputs, for messages.
     inputs: HashMap<Identity, String>,
-    /// The planned files: option and path as given, for messages.
-    planned: HashMap<Location, String>,
+    /// The planned files, by their resolved paths: option and path as given, for messages.
+    planned: HashMap<PathBuf, String>,
     /// Folders with an unknown number of frames: all `.png` with this prefix are planned. Option
     /// and path as given.
     frames: Vec<(PathBuf, &'static str, String)>,
@@ -65,7 +63,7 @@ impl OutputPlan {
     /// program did not write, or the record of a run; if it would be read as part of the scene; or
     /// if it cannot be a file.
     pub(crate) fn file(&mut self, option: &str, file: &Path) -> Result<()> {
-        self.add(option, file, Existing::Replaced)
+        self.add(option, file, false)
     }
 
     /// Adds a file whose name the program chose, such as the record of a run.
@@ -74,10 +72,11 @@ impl OutputPlan {
     ///
     /// As [`Self::file`], but outside the scene any JSON of that name is replaced.
     pub(crate) fn named_file(&mut self, option: &str, file: &Path) -> Result<()> {
-        self.add(option, file, Existing::ReplacedByName)
+        self.add(option, file, true)
     }
 
-    fn add(&mut self, option: &str, file: &Path, existing: Existing) -> Result<()> {
+    /// `by_name`: a name that the program chose, under which an earlier run may have left a damaged file.
+    fn add(&mut self, option: &str, file: &Path, by_name: bool) -> Result<()> {
         let shown = format!("{option} {}", file.display());
         refuse_stdout(option, file)?;
         let refused = |why: String| anyhow!("{shown}: cannot be written: {why}");
@@ -94,13 +93,13 @@ impl OutputPlan {
             real.parent() == Some(folder) && name.starts_with(prefix) && name.ends_with(".png")
         };
         let other = self.frames.iter().find(within).map(|(.., shown)| shown);
-        if let Some(other) = other.or(self.planned.get(&Location::of(&real))) {
+        if let Some(other) = other.or(self.planned.get(&real)) {
             bail!("{shown}: {other} is the same file; expected different files");
         }
         if !is_special(file) {
-            self.check(&shown, file, &real, existing)?;
+            self.check(&shown, file, &real, by_name)?;
         }
-        self.planned.insert(Location::of(&real), shown.clone());
+        self.planned.insert(real, shown.clone());
         self.files.push((shown, file.to_owned()));
         Ok(())
     }
@@ -111,7 +110,7 @@ impl OutputPlan {
     ///
     /// If its files are read as part of a scene, or a scene's folder holds it and it holds others.
     pub(crate) fn cache(&self, option: &str, folder: &Path) -> Result<()> {
-        self.refuse_folder(option, folder, |scene, real| scene.holds(real) && scene.is_its_own(real))
+        self.refuse_folder(option, folder, |scene, real| real.starts_with(&scene.root) && scene.is_its_own(real))
     }
 
     /// Checks a folder of outputs, which are added one by one.
@@ -152,13 +151,13 @@ impl OutputPlan {
 
     /// Checks that a file overwrites no input and no file of another's, and is not read as part of
     /// a scene.
-    fn check(&self, shown: &str, file: &Path, real: &Path, existing: Existing) -> Result<()> {
+    fn check(&self, shown: &str, file: &Path, real: &Path, by_name: bool) -> Result<()> {
         if let Ok(identity) = Identity::of(file) {
             if let Some(input) = self.inputs.get(&identity) {
                 bail!("{shown}: would overwrite {input}; expected another file");
             }
-            let scene = self.scene.holds(real).then_some(&*self.scene.root);
-            check_own(shown, file, scene, existing)?;
+            let scene = real.starts_with(&self.scene.root).then_some(&*self.scene.root);
+            check_own(shown, file, scene, by_name)?;
         }
         if let Some(part) = self.scene.reads(real) {
             let root = self.scene.root.display();
@@ -206,25 +205,6 @@ impl Identity {
     }
 }
 
-/// Identity of a file that may not exist yet: an existing folder, and the names below it.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-struct Location(Option<Identity>, Vec<OsString>);
-
-impl Location {
-    /// The location of a [`resolved`] path.
-    fn of(real: &Path) -> Self {
-        let (mut folder, mut names) = (real, Vec::new());
-        while let (Some(name), Some(parent)) = (folder.file_name(), folder.parent()) {
-            names.push(name.to_owned());
-            if let Ok(identity) = Identity::of(parent) {
-                return Self(Some(identity), names);
-            }
-            folder = parent;
-        }
-        Self(None, names)
-    }
-}
-
 /// The path without links and `..`; below a folder that does not exist, `..` removes the preceding
 /// name.
 fn resolved(path: &Path) -> io::Result<PathBuf> {
@@ -246,22 +226,15 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
 /// Bytes at the start of a picture file that include the program's tag.
 const TAGGED_BYTES: u64 = 256;
 
-/// What becomes of an existing file.
-#[derive(Clone, Copy, PartialEq)]
-enum Existing {
-    Replaced,
-    /// Replaced under a name that the program chose: an earlier run may have left it damaged.
-    ReplacedByName,
-}
-
 /// Checks that the program wrote an existing file that will be replaced; `scene` is the folder of
 /// the scene that holds it.
-fn check_own(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing) -> Result<()> {
-    if existing == Existing::Replaced && is_record(file) {
+fn check_own(shown: &str, file: &Path, scene: Option<&Path>, by_name: bool) -> Result<()> {
+    let replaces_json = !by_name && is_json(file);
+    if replaces_json && json(file)["job"].is_string() {
         bail!("{shown}: would overwrite the record of a run; expected another file");
     }
     // Any JSON, because a scene or its cameras may consist of it.
-    let is_protected = scene.is_some() || existing == Existing::Replaced && has_extension(file, &["json"]);
+    let is_protected = scene.is_some() || replaces_json;
     if is_protected && !is_own(file) {
         let of = scene.map(|root| format!(" of the scene folder {}", root.display())).unwrap_or_default();
         bail!(
@@ -274,10 +247,10 @@ fn check_own(shown: &str, file: &Path, scene: Option<&Path>, existing: Existing)
 
 /// Whether the program wrote a file: a tagged picture, or JSON with the program's fields.
 fn is_own(file: &Path) -> bool {
-    if has_extension(file, &["json"]) {
+    if is_json(file) {
         let json = json(file);
         // The last is of a log, which has a line for each frame.
-        return json["job"]["liveview"].is_string() || json["liveview"].is_string() || json["layers_from"].is_string();
+        return json["liveview"].is_string() || json["layers_from"].is_string();
     }
     if has_extension(file, &["npy"]) {
         // An array has no tag; `liveview depth` writes a picture and its scale next to each.
@@ -293,12 +266,8 @@ fn is_own(file: &Path) -> bool {
     file.is_file() && read().is_ok() && is_tagged(&start)
 }
 
-/// Whether a file is the record of a run, which lists the pictures that are done.
-fn is_record(file: &Path) -> bool {
-    has_extension(file, &["json"]) && {
-        let json = json(file);
-        json["job"]["liveview"].is_string() && json["done"].is_object()
-    }
+fn is_json(file: &Path) -> bool {
+    has_extension(file, &["json", "jsonl"])
 }
 
 /// The JSON of a file, or of its first line; null if it is neither.
@@ -348,8 +317,6 @@ const POSES: [&str; 11] = [
 /// Extensions of files that are read as a photo, or as a camera of a rig.
 const PICTURES: [&str; 14] =
     ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
-/// Levels of nested folders that are searched for links.
-const MAX_DEPTH: usize = 4;
 
 /// A scene folder.
 #[derive(Debug)]
@@ -361,8 +328,6 @@ struct SceneFolder {
     cameras: BTreeSet<PathBuf>,
     /// Whether photos and poses are in the same folder.
     flat: bool,
-    /// Targets of the links in the folder.
-    linked: OnceCell<Vec<PathBuf>>,
 }
 
 impl SceneFolder {
@@ -383,18 +348,7 @@ impl SceneFolder {
             cameras: cameras.map(|folder| real(folder.to_owned())).collect(),
             flat: named.contains(&*scene.root),
             root,
-            linked: OnceCell::new(),
         }
-    }
-
-    /// Whether an existing file is in the folder, or in the target of a link in it.
-    fn holds(&self, real: &Path) -> bool {
-        let find = || {
-            let mut found = Vec::new();
-            links(&self.root, MAX_DEPTH, &mut found);
-            found
-        };
-        real.starts_with(&self.root) || self.linked.get_or_init(find).iter().any(|target| real.starts_with(target))
     }
 
     /// The part of the scene that a file of this name would be read as, if any.
@@ -422,17 +376,6 @@ impl SceneFolder {
     }
 }
 
-/// Adds the targets of the links in a folder and its subfolders.
-fn links(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        match entry.file_type() {
-            Ok(kind) if kind.is_symlink() => found.extend(entry.path().canonicalize()),
-            Ok(kind) if kind.is_dir() && depth > 0 => links(&entry.path(), depth - 1, found),
-            _ => {}
-        }
-    }
-}
-
 #[cfg(unix)]
 #[cfg(test)]
 mod tests {
@@ -441,18 +384,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn location_is_equal_for_all_paths_to_a_file() {
+    fn all_paths_to_a_file_resolve_to_one() {
         let root = tempfile::tempdir().unwrap();
         let at = |name: &str| root.path().join(name);
         std::fs::create_dir_all(at("a/b")).unwrap();
         symlink(at("a/b"), at("link")).unwrap();
-        let location = |name: &str| Location::of(&resolved(&at(name)).unwrap());
+        let real = |name: &str| resolved(&at(name)).unwrap();
         for same in
             ["a/./b/new/c.png", "link/new/c.png", "link/../b/new/c.png", "link/x/../new/c.png", "none/../a/b/new/c.png"]
         {
-            assert_eq!(location(same), location("a/b/new/c.png"), "{same}");
+            assert_eq!(real(same), real("a/b/new/c.png"), "{same}");
         }
-        assert_ne!(location("a/new/c.png"), location("a/b/new/c.png"));
-        assert_ne!(location("a/b/c.png"), location("a/b/new/c.png"));
+        assert_ne!(real("a/new/c.png"), real("a/b/new/c.png"));
+        assert_ne!(real("a/b/c.png"), real("a/b/new/c.png"));
     }
 }

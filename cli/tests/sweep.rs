@@ -3,7 +3,6 @@
 mod common;
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 
 use assert_cmd::Command;
 use common::{Folders, fixture};
@@ -88,26 +87,18 @@ fn widths_scale_the_photos() {
 }
 
 #[test]
-fn reference_runs_in_its_own_process() {
+fn several_targets_are_scored_by_their_mean() {
     let folders = Folders::new();
-    // A worker whose pictures are black.
-    let script = folders.scene().join("reference.py");
-    fs::write(
-        &script,
-        "#!/usr/bin/env python3\nimport json, sys\njob = json.loads(input())\nprint(json.dumps({'ready': True, 'engine': job['engine']}), flush=True)\n\
-         for line in sys.stdin:\n    ask = json.loads(line)\n    if 'frame' in ask:\n        head = \"{'descr': '<f4', 'fortran_order': False, 'shape': (48, 64, 3), }\"\n\
-        \x20       head = head.ljust(117) + '\\n'\n        data = b'\\x93NUMPY\\x01\\x00' + len(head).to_bytes(2, 'little') + head.encode() + bytes(4 * 48 * 64 * 3)\n\
-        \x20       open(ask['frame'], 'wb').write(data)\n    print(json.dumps({'seconds': {'total': 7.0}, 'peak_memory_bytes': 5}), flush=True)\n",
-    )
-    .unwrap();
-    fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
-    let report = json(&mut sweep(&folders, &["--layers", "planes:2", "--reference", script.to_str().unwrap()]));
-    let rows = report["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 5, "four references");
-    assert_eq!((&rows[1]["reference"], &rows[1]["engine"]), (&true.into(), &"reference".into()));
-    assert_eq!(rows[1]["seconds"]["median"], 7.0);
-    let [picture, black] = [0, 1].map(|row: usize| rows[row]["psnr"].as_f64().unwrap());
-    assert!(black < picture - 3.0, "{black} dB of a black picture, {picture}");
+    let psnr = |targets: &str| {
+        let mut sweep =
+            folders.liveview("sweep", &["--target", targets, "--repetitions", "1", "--layers", "surface:1"]);
+        let report = json(sweep.args(["--views", "2", "--network", "none", "-o", &folders.out("report")]));
+        report["rows"][0]["psnr"].as_f64().unwrap()
+    };
+    let pictures = folders.out("p/");
+    let options = ["--target", "1,3", "--views", "2", "--network", "none", "--layers", "surface:1", "-o", &pictures];
+    let rendered = json(&mut folders.liveview("render", &options));
+    assert!((psnr("1,3") - rendered["mean"]["psnr"].as_f64().unwrap()).abs() < 1e-6);
 }
 
 #[test]
@@ -118,9 +109,6 @@ fn invalid_configurations_are_refused() {
     refused(&["--layers", "planes:0"], &["planes:0", "from 1 to 4096"]);
     // Commas separate configurations: a list of disparities is several of them.
     refused(&["--layers", "list:0.5,0.25"], &["--layers", "\"0.25\" is not a choice of layers"]);
-    refused(&["--layers", "guided:2", "--reference", "true"], &["--reference", "planes among --layers"]);
-    refused(&["--layers", "planes:2", "--reference", "false"], &["reference", "ended unexpectedly"]);
-    refused(&["--layers", "planes:2", "--reference", "no-such-program"], &["no-such-program", "cannot be started"]);
     refused(&["--near", "9", "--far", "3"], &["0 < near < far"]);
     let mut unknown = folders.liveview("sweep", &["--target", "nobody", "-o", &folders.out("report")]);
     folders.assert_refused(&mut unknown, &["nobody"]);

@@ -6,7 +6,7 @@ of its networks.
 - `training`: trains a network
 - `evaluation`: scores a network on held-out photos, and baselines without one
 - `parity`: every stage of the Rust crate against the reference; stiff and extreme cases
-- `competitors`: other implementations of the pipeline, timed by `liveview sweep --reference`
+- `competitors`: other implementations of the pipeline, timed for a report of `liveview sweep`
 - `paper`: the comparison with the paper's methods
 
 Conventions, everywhere: OpenCV camera axes (x right, y down, z forward); `cam_from_world`: X_c =

@@ -1,4 +1,4 @@
-"""A rig's photos and cameras as plain arrays, the format of `liveview sweep`.
+"""A rig's photos and cameras as plain arrays.
 
 `view{i}.image` [h, w, 3] float32, the nearest view first; `k`, `rotation` [3, 3] and `translation`
 [3] float64 (cam_from_world) of `view{i}` and `target`; `target.size` (width, height).

@@ -1,5 +1,5 @@
-"""Make tests/scenes/walls, on which live parity compares what the example scene does not reach: walls
-without texture, narrow things before them, holes, soft photos, a thing that moves.
+"""Make tests/scenes/walls, on which live parity compares what the example scene does not reach:
+walls without texture, narrow things before them, holes, soft photos, a thing that moves.
 
 Usage, in python/: python -m tools.make_parity_scene
 """
@@ -14,8 +14,8 @@ OUT = Path(__file__).resolve().parents[2] / "tests" / "scenes" / "walls"
 W, H, FOCAL = 96, 72, 84.0
 S = 3  # rays across a pixel
 CHANGES = -1.0
-# Upright rectangles: depth, left, right, top, bottom (scene units); colour; contrast of their texture; how far
-# they move from photo to photo (or whether their texture changes).
+# Upright rectangles: depth, left, right, top, bottom (scene units); colour; contrast of their
+# texture; how far they move from photo to photo (or whether their texture changes).
 RECTANGLES = (
     (9.0, -16, 9, -6, 6, (0.80, 0.78, 0.74), 0.0, 0.0),  # a plain wall
     (8.9, -16, -2.2, -6, 6, (0.45, 0.55, 0.40), 0.5, 0.0),  # a wall with texture
@@ -49,7 +49,8 @@ def texture(u: np.ndarray, v: np.ndarray, seed: int) -> np.ndarray:
 
 
 def photo(centre: tuple[float, float], step: int) -> Image.Image:
-    """Linear in the colours, from S x S rays a pixel, with noise: equal costs would be decided by rounding."""
+    """Linear in the colours, from S x S rays a pixel, with noise: equal costs would be decided by
+    rounding."""
     y, x = ((np.arange(n * S) + 0.5) / S - n / 2 for n in (H, W))
     x, y = x[None] / FOCAL, y[:, None] / FOCAL
     out = np.zeros((H * S, W * S, 3))

@@ -63,7 +63,7 @@ def excerpt(report: dict) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for row in report["rows"]:
-        if row["reference"] or row["layers"] not in (*ALL_ENGINES, *(CPU_ONLY if row["engine"] == CPU else ())):
+        if row.get("reference") or row["layers"] not in (*ALL_ENGINES, *(CPU_ONLY if row["engine"] == CPU else ())):
             continue
         seconds, memory = row["seconds"], row["peak_memory_bytes"] / 1e6
         once = f", once {seconds['once']:.2f}" if seconds["once"] > 0 else ""
@@ -81,7 +81,7 @@ def excerpt(report: dict) -> str:
         "|---|---|---|",
     ]
     for row in report["rows"]:
-        if row["reference"]:
+        if row.get("reference"):
             seconds, memory = row["seconds"]["median"], row["peak_memory_bytes"] / 1e6
             lines.append(f"| {row['engine']} | {seconds:.2f} | {memory:.0f} |")
     return "\n".join(lines)

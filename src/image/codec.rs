@@ -45,7 +45,10 @@ pub struct Header {
 ///
 /// As [`read_size`].
 pub fn read_header(path: &Path) -> Result<Header, ImageError> {
-    header_of(path, open(path)?)
+    let (mut decoder, size) = decoder_and_size(path, open(path)?)?;
+    // Damaged EXIF data counts as none.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms).to_exif();
+    Ok(Header { size, orientation, alpha: decoder.color_type().has_alpha() })
 }
 
 /// Reads the size of a picture in pixels from its header.
@@ -67,14 +70,6 @@ fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
             format!("the file has {bytes} bytes; expected at most {MAX_BYTES}"),
         ))),
     }
-}
-
-/// As [`read_header`], from an open file; `path` is for errors.
-fn header_of(path: &Path, input: impl BufRead + Seek) -> Result<Header, ImageError> {
-    let (mut decoder, size) = decoder_and_size(path, input)?;
-    // Damaged EXIF data counts as none.
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms).to_exif();
-    Ok(Header { size, orientation, alpha: decoder.color_type().has_alpha() })
 }
 
 /// A decoder, and the size in its header.

@@ -63,11 +63,6 @@ impl Renderer {
         self.network.as_ref()
     }
 
-    /// The network, without the buffers.
-    pub fn into_network(self) -> Box<dyn PlaneNetwork> {
-        self.network
-    }
-
     /// How the layers of a pixel share it.
     pub fn alpha(&self) -> Alpha {
         self.alpha

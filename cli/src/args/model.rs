@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use liveview::network::{AlphaKind, ExecutionProvider, Precision, cpu_has_bf16};
 use liveview::render::Renderer;
-use liveview_synthesizer::{LayerSpec, Model, ModelOptions, ViewAgreement, check_threads, recommended_layers};
+use liveview_synthesizer::{LayerSpec, Model, ModelOptions, OpenedRenderer, check_threads};
 
 use super::ADVANCED;
-use super::model_info::{ModelInfo, OpenedModel};
+use super::model_info::ModelInfo;
 use super::numbers;
 use crate::console::print_message;
 use crate::interrupt;
@@ -76,14 +76,6 @@ impl ModelArgs {
         self.network == Some(NetworkName::None)
     }
 
-    /// Whether a network renders these layers.
-    fn uses_network(&self, layers: Option<&LayerSpec>) -> bool {
-        match self.network {
-            Some(name) => name == NetworkName::Model,
-            None => self.option_of_network().is_some() || ModelOptions::default().uses_network(layers),
-        }
-    }
-
     /// A given option that only has an effect where a model runs.
     pub(crate) fn option_of_run(&self) -> Option<&'static str> {
         let given = [("--network", self.network.is_some()), ("--threads", self.threads.is_some())];
@@ -137,11 +129,6 @@ impl ModelArgs {
         self.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default())
     }
 
-    /// Number of views as given, else the default.
-    fn views_or_default(&self) -> usize {
-        self.views.unwrap_or_else(|| ModelOptions::default().views_or_default())
-    }
-
     fn options(&self) -> Result<ModelOptions> {
         let bf16 = self.precision == Some(PrecisionName::Bf16);
         let provider = self.engine.unwrap_or_default();
@@ -151,6 +138,9 @@ impl ModelArgs {
         let mut options = ModelOptions {
             views: self.views,
             threads: self.threads,
+            network: self
+                .network
+                .map_or(self.option_of_network().map(|_| true), |name| Some(name == NetworkName::Model)),
             file: self.model.clone(),
             quantized: self.precision == Some(PrecisionName::Int8),
             alpha: self.alpha,
@@ -178,77 +168,58 @@ impl ModelArgs {
         if let Some(option) = self.option_of_network().filter(|_| self.without_network()) {
             bail!("{option}: cannot be used with --network none");
         }
-        let (renderer, layers, model) = if self.uses_network(layers) {
-            let model = self.open_model(layers)?;
-            let opened = OpenedModel::new(&model);
-            let recommended = || recommended_layers(&model.network).map_err(|error| anyhow!("{error}, or --layers"));
-            let layers = layers.cloned().map_or_else(recommended, Ok)?;
-            (model.into_renderer(), layers, Some(opened))
-        } else {
-            let layers = layers.cloned().unwrap_or(ViewAgreement::LAYERS);
-            if matches!(layers, LayerSpec::Select { .. }) {
-                bail!(
-                    "--network none: {layers} needs a network; expected --network model, or other --layers or --quality"
-                );
-            }
-            (self.renderer_without_network(self.views_or_default()), layers, None)
-        };
+        let options = self.options()?;
+        if let Some(layers @ LayerSpec::Select { .. }) = layers
+            && !options.uses_network(Some(layers))
+        {
+            bail!("--network none: {layers} needs a network; expected --network model, or other --layers or --quality");
+        }
+        let OpenedRenderer { renderer, layers, model } = options.open_renderer(layers)?;
+        model.iter().try_for_each(|model| self.check(model, &options))?;
         let threads = self.threads();
         start_threads(threads)?;
         Ok((renderer, layers, ModelInfo { model, threads, batch: self.batch }))
     }
 
-    /// A renderer that weights views and layers by the agreement of the views.
-    fn renderer_without_network(&self, views: usize) -> Renderer {
-        Renderer::new(Box::new(ViewAgreement { views }), ViewAgreement::ALPHA, self.batch)
-    }
-
-    /// The model file for layers of any kind.
-    pub(crate) fn general_file(&self) -> Result<PathBuf> {
-        let options = self.options()?;
-        Ok(options.file.clone().map_or_else(|| options.find(self.views_or_default(), None), Ok)?)
-    }
-
-    /// Finds and opens the model for these layers.
-    fn open_model(&self, layers: Option<&LayerSpec>) -> Result<Model> {
-        let options = self.options()?;
-        let model = Model::open(&options, layers)?;
-        interrupt::end_runs(model.network.run_end());
-        let (path, card) = (model.network.path(), model.network.card());
+    /// Checks an opened model; an interrupt ends its runs.
+    fn check(&self, model: &Model, options: &ModelOptions) -> Result<()> {
+        interrupt::end_runs(model.run_end.clone());
+        let (path, card) = (model.path.display(), &model.card);
         let expected = if options.quantized { "int8" } else { "f32" };
         if self.precision.is_some() && card.precision != expected {
-            bail!("{}: metadata `precision` is {}, expected {expected} (--precision)", path.display(), card.precision);
+            bail!("{path}: metadata `precision` is {}, expected {expected} (--precision)", card.precision);
         }
         if options.precision == Precision::Bf16 && !cpu_has_bf16() {
             print_message("note", "--precision bf16: this CPU does not support it; OpenVINO computes in f32");
         }
         if self.alpha == Some(AlphaKind::Independent) && card.alpha == AlphaKind::Competing {
-            let model = path.display();
-            print_message("note", format_args!("--alpha independent: {model} was trained for competing layers alone"));
+            print_message("note", format_args!("--alpha independent: {path} was trained for competing layers alone"));
         }
         if let Some(expected) = self.views.filter(|&expected| expected != card.views) {
-            bail!("{}: metadata `views` is {}, expected {expected} (--views {expected})", path.display(), card.views);
+            bail!("{path}: metadata `views` is {}, expected {expected} (--views {expected})", card.views);
         }
-        Ok(model)
+        Ok(())
     }
 
     /// Opens the models for fewer views than `views`, as fallbacks; none if `--model` is given.
     pub(crate) fn open_smaller(&self, views: usize, layers: Option<&LayerSpec>) -> Result<Vec<Renderer>> {
-        if !self.uses_network(layers) {
-            return Ok((2..views).map(|views| self.renderer_without_network(views)).collect());
+        let mut options = self.options()?;
+        let sizes = 2..views;
+        if !options.uses_network(layers) {
+            let renderer = |views| ModelOptions { views: Some(views), ..options.clone() }.open_renderer(layers);
+            return sizes.map(|views| Ok(renderer(views)?.renderer)).collect();
         }
         if self.model.is_some() {
             return Ok(Vec::new());
         }
-        let mut options = self.options()?;
-        let files: Vec<_> = (2..views).filter_map(|views| options.find(views, layers).ok()).collect();
+        let files: Vec<_> = sizes.filter_map(|views| options.find(views, layers).ok()).collect();
         let mut renderers = Vec::new();
         for file in files {
             options.file = Some(file);
-            let model = Model::open(&options, None)?;
-            interrupt::end_runs(model.network.run_end());
-            if layers.is_none_or(|layers| model.network.card().is_for(layers.kind())) {
-                renderers.push(model.into_renderer());
+            let OpenedRenderer { renderer, model, .. } = options.open_renderer(layers)?;
+            model.iter().for_each(|model| interrupt::end_runs(model.run_end.clone()));
+            if layers.is_none_or(|layers| model.is_none_or(|model| model.card.is_for(layers.kind()))) {
+                renderers.push(renderer);
             }
         }
         Ok(renderers)

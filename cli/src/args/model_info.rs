@@ -1,8 +1,7 @@
 //! The summary of the model and of ONNX Runtime, as text and as JSON.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use liveview::network::{Alpha, ExecutionProvider, ModelCard};
 use liveview_synthesizer::Model;
 use serde_json::{Value, json};
 
@@ -12,43 +11,11 @@ use crate::console::{counted, escaped, path_text};
 #[derive(Debug)]
 pub(crate) struct ModelInfo {
     /// `None` without a network.
-    pub(crate) model: Option<OpenedModel>,
+    pub(crate) model: Option<Model>,
     /// Number of threads of the network and of everything else.
     pub(crate) threads: usize,
     /// Layers per run of the network.
     pub(crate) batch: usize,
-}
-
-/// A model, and the ONNX Runtime library that runs it.
-#[derive(Debug)]
-pub(crate) struct OpenedModel {
-    /// The model file.
-    pub(crate) path: PathBuf,
-    /// The metadata of the file.
-    pub(crate) card: ModelCard,
-    /// How the layers of a pixel share it.
-    pub(crate) alpha: Alpha,
-    /// The file of the ONNX Runtime library.
-    pub(crate) library: PathBuf,
-    /// The execution provider.
-    pub(crate) provider: ExecutionProvider,
-    /// Precision of the arithmetic: f32, bf16 or int8.
-    pub(crate) precision: String,
-}
-
-impl OpenedModel {
-    /// Of a model that is open.
-    pub(crate) fn new(model: &Model) -> Self {
-        let Model { network, alpha, library, precision, .. } = model;
-        Self {
-            path: network.path().to_owned(),
-            card: network.card().clone(),
-            alpha: *alpha,
-            library: library.path().to_owned(),
-            provider: library.provider(),
-            precision: precision.clone(),
-        }
-    }
 }
 
 impl ModelInfo {
@@ -65,7 +32,7 @@ impl ModelInfo {
 
     /// Execution provider and precision, such as `openvino, int8`, or `no network`.
     pub(crate) fn engine(&self) -> String {
-        let engine = |model: &OpenedModel| format!("{}, {}", model.provider, model.precision);
+        let engine = |model: &Model| format!("{}, {}", model.provider, model.precision);
         self.model.as_ref().map_or_else(|| "no network".into(), engine)
     }
 

@@ -1,28 +1,24 @@
-//! `liveview depth`: the depth of the photos, as pictures and as numbers, scored if the scene has
-//! true depth.
+//! `liveview depth`: the depth of the photos, as pictures and as numbers.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
-use liveview::image::{self, encode, encode_gray16_png};
-use liveview_files::{bounded, npy};
+use liveview::image::{encode, encode_gray16_png};
+use liveview_files::npy;
 use liveview_live::peak_memory;
-use liveview_scene::View;
 use liveview_synthesizer::colormap::coloured;
 use liveview_synthesizer::{DepthSource, ModelOptions, Scene, ScenePhotos, ViewDepth};
-use ndarray::Array2;
 use serde_json::{Value, json};
 
 use crate::args::{
     ADVANCED, SceneArgs, has_extension, held_out, named, numbers, refuse_stdout, refuse_twice, start_threads, stem,
     write_atomically,
 };
-use crate::console::{Output, path_text, print_message, print_notes, progress};
+use crate::console::{Output, path_text, print_notes, progress};
 use crate::interrupt;
 use crate::job::time_text;
 use crate::outputs::OutputPlan;
@@ -73,39 +69,48 @@ pub(crate) fn run(args: &DepthArgs) -> Result<Output> {
     let scene = photos.views().scene();
     print_notes(&scene.notes);
     let (views, held_out) = views(args, scene)?;
-    let truth = Truth::open(scene).unwrap_or_else(|error| {
-        print_message("note", format!("the depth is not scored: {error:#}"));
-        None
-    });
-    let all_files = planned_files(&args.output, args.cache.as_deref(), scene, &views, truth.as_ref())?;
+    let all_files = planned_files(&args.output, args.cache.as_deref(), scene, &views)?;
     args.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder)).context("--cache")?;
     start_threads(args.threads.unwrap_or_else(|| ModelOptions::default().threads_or_default()))?;
     let bar = progress()?.with_prefix("photos");
     bar.set_length(views.len() as u64);
     let stop = if views.len() > 1 { interrupt::watch()? } else { Arc::default() };
-    let (mut reports, mut range) = (Vec::with_capacity(views.len()), (0.0, 0.0));
-    for (index, (&view, files)) in views.iter().zip(all_files).enumerate() {
+    let (mut rows, mut reports, mut range) = (Vec::new(), Vec::new(), (0.0, 0.0));
+    for (index, (&view, files)) in views.iter().zip(&all_files).enumerate() {
         if stop.load(Ordering::Relaxed) {
             bar.finish_and_clear();
             return Err(interrupt::Interrupted.into());
         }
-        bar.set_message(photos.views().scene().views[view].name.clone());
-        let depth = photos.view_depth(view, &held_out, &views[index + 1..])?;
-        write(&files, &depth)?;
-        let shown = &photos.views().scene().views[view];
-        let score = truth.as_ref().map_or(Ok(None), |truth| truth.score(shown, &depth));
-        let score = score.unwrap_or_else(|error| {
-            bar.suspend(|| print_message("note", format!("the depth is not scored: {error:#}")));
-            None
-        });
-        let name = shown.name.clone();
+        let name = photos.views().scene().views[view].name.clone();
+        bar.set_message(name.clone());
+        let depth = photos.view_depth(view, &held_out, &views[index + 1..], false)?;
+        write(files, &depth)?;
         bar.suspend(|| print_notes(&photos.take_notes()));
         range = depth.range;
-        reports.push(Report::new(name, &depth, score, files));
+        let (row, json) = report(&name, &depth, files);
+        rows.push((name, row));
+        reports.push(json);
         bar.inc(1);
     }
     bar.finish_and_clear();
-    Ok(report(photos.views().scene(), &reports, range, &held_out))
+    let scene = photos.views().scene();
+    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0).max(5);
+    let mut text = format!("photos: {}, searched from {:.4} to {:.4} scene units\n", rows.len(), range.0, range.1);
+    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time", "photo");
+    for (name, row) in &rows {
+        let _ = writeln!(text, "{name:width$}  {row}");
+    }
+    if rows.len() > 1 {
+        let confirmed = reports.iter().filter_map(|report| report["confirmed"].as_f64()).sum::<f64>();
+        let _ = writeln!(text, "{:width$}  {:7.1} %", "mean", 100.0 * confirmed / rows.len() as f64);
+    }
+    let _ = writeln!(text, "\nwrote {} files in {}", 4 * rows.len(), args.output.display());
+    let json = json!({
+        "scene": path_text(&scene.root), "near": range.0, "far": range.1,
+        "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
+        "photos": reports, "peak_memory_bytes": peak_memory(), "notes": scene.notes,
+    });
+    Ok(Output { text, json })
 }
 
 /// The views to write, and those that are held out.
@@ -131,21 +136,11 @@ const SUFFIXES: [&str; 4] = [".png", "_scale.json", ".npy", "_colour.png"];
 
 /// The files of each view, in a folder that is created; an error, before any work, if one cannot be
 /// written.
-fn planned_files(
-    folder: &Path,
-    cache: Option<&Path>,
-    scene: &Scene,
-    views: &[usize],
-    truth: Option<&Truth>,
-) -> Result<Vec<[PathBuf; 4]>> {
+fn planned_files(folder: &Path, cache: Option<&Path>, scene: &Scene, views: &[usize]) -> Result<Vec<[PathBuf; 4]>> {
     refuse_stdout("-o", folder)?;
     let shown = folder.display();
     if has_extension(folder, &["png", "npy", "npz", "json"]) && !folder.is_dir() {
         bail!("-o {shown}: expected a folder");
-    }
-    let same = |other: &Path| folder.canonicalize().is_ok_and(|folder| other.canonicalize().is_ok_and(|o| o == folder));
-    if truth.is_some_and(|truth| same(&truth.folder)) {
-        bail!("-o {shown}: would overwrite the true depth of the scene; expected another folder");
     }
     let mut output_plan = OutputPlan::new(scene);
     output_plan.folder("-o", folder)?;
@@ -189,185 +184,24 @@ fn write(files: &[PathBuf; 4], depth: &ViewDepth) -> Result<()> {
     files.iter().zip(contents).try_for_each(|(file, contents)| write_atomically(file, &contents))
 }
 
-/// The report on the depth of the photos, as text and as JSON.
-fn report(scene: &Scene, reports: &[Report], (near, far): (f64, f64), held_out: &[usize]) -> Output {
-    let scored = reports.iter().any(|one| one.score.is_some());
-    let width = reports.iter().map(|one| one.name.chars().count()).max().unwrap_or(0).max(5);
-    let mut text = format!("photos: {}, searched from {near:.4} to {far:.4} scene units\n", reports.len());
-    if scored {
-        let bounds = WITHIN.map(|bound| format!("{bound}")).join(", ");
-        let _ = writeln!(
-            text,
-            "shares of pixels within {bounds} pixels of parallax of the truth: of the confirmed | of all pixels"
-        );
-    }
-    let truth = if scored { format!("  {:^20} | {:^20}", "confirmed", "all") } else { String::new() };
-    let _ = writeln!(text, "\n{:width$}  confirmed     nearest    farthest          time{truth}", "photo");
-    for Report { name, source, seconds, confirmed, span, score, .. } in reports {
-        let span = match *span {
-            Some((nearest, farthest)) => format!("{nearest:10.4}  {farthest:10.4}"),
-            None => format!("{:>10}  {:>10}", "-", "-"),
-        };
-        let time = match source {
-            DepthSource::Kept => format!("{} kept", time_text(Duration::from_secs_f64(*seconds))),
-            DepthSource::Alone => "alone".to_owned(),
-            _ => time_text(Duration::from_secs_f64(*seconds)),
-        };
-        let score = score.as_ref().map(|score| format!("  {}", cells(score))).unwrap_or_default();
-        let _ = writeln!(text, "{name:width$}  {:7.1} %  {span}  {time:>12}{score}", 100.0 * confirmed);
-    }
-    let mean = mean(reports);
-    if let (Some(mean), true) = (&mean, reports.len() > 1) {
-        let confirmed = reports.iter().map(|one| one.confirmed).sum::<f64>() / reports.len() as f64;
-        let _ = writeln!(text, "{:width$}  {:7.1} %  {:36}  {}", "mean", 100.0 * confirmed, "", cells(mean));
-    }
-    if let [first, ..] = reports {
-        let folder = first.files[0].parent().unwrap_or(Path::new(""));
-        let _ = writeln!(text, "\nwrote {} files in {}", 4 * reports.len(), folder.display());
-    }
+/// The report on the depth of a photo: a row of the table without the name, and JSON.
+fn report(name: &str, depth: &ViewDepth, files: &[PathBuf; 4]) -> (String, Value) {
+    let known = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
+    let (low, high) = known().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
+    let confirmed = depth.confirmed.share();
+    let span = (low <= high).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low)));
+    let (nearest, farthest) = span.unzip();
+    let cell = |depth: Option<f64>| depth.map_or_else(|| format!("{:>10}", "-"), |depth| format!("{depth:10.4}"));
+    let (source, time) = match depth.source {
+        DepthSource::Kept => ("kept", format!("{} kept", time_text(depth.time))),
+        DepthSource::Alone => ("alone", "alone".to_owned()),
+        _ => ("searched", time_text(depth.time)),
+    };
+    let row = format!("{:7.1} %  {}  {}  {time:>12}", 100.0 * confirmed, cell(nearest), cell(farthest));
     let json = json!({
-        "scene": path_text(&scene.root), "near": near, "far": far,
-        "held_out": held_out.iter().map(|&view| &scene.views[view].name).collect::<Vec<_>>(),
-        "photos": reports.iter().map(photo).collect::<Vec<_>>(), "within_pixels": WITHIN, "mean": mean.as_ref().map(shares),
-        "peak_memory_bytes": peak_memory(), "notes": scene.notes,
+        "name": name, "confirmed": confirmed, "nearest": nearest, "farthest": farthest,
+        "disparity_per_pixel_of_parallax": depth.found.disparity_per_pixel, "source": source,
+        "seconds": depth.time.as_secs_f64(), "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
     });
-    Output { text, json }
-}
-
-fn photo(report: &Report) -> Value {
-    let Report { name, source, seconds, confirmed, span, disparity_per_pixel, score, files } = report;
-    let source = match source {
-        DepthSource::Kept => "kept",
-        DepthSource::Alone => "alone",
-        _ => "searched",
-    };
-    json!({
-        "name": name, "confirmed": confirmed, "nearest": span.map(|span| span.0), "farthest": span.map(|span| span.1),
-        "disparity_per_pixel_of_parallax": disparity_per_pixel, "source": source, "seconds": seconds,
-        "within": score.as_ref().map(shares), "files": files.iter().map(|file| path_text(file)).collect::<Vec<_>>(),
-    })
-}
-
-fn shares(score: &Score) -> Value {
-    json!({ "confirmed": score.confirmed, "all": score.all })
-}
-
-fn cells(score: &Score) -> String {
-    let [confirmed, all] =
-        [score.confirmed, score.all].map(|shares| shares.map(|share| format!("{:4.1} %", 100.0 * share)).join(" "));
-    format!("{confirmed:>20} | {all:>20}")
-}
-
-/// The mean of the photos that have a score.
-fn mean(reports: &[Report]) -> Option<Score> {
-    let scores: Vec<&Score> = reports.iter().filter_map(|one| one.score.as_ref()).collect();
-    let mean = |of: fn(&Score) -> [f64; 3]| {
-        std::array::from_fn(|k| scores.iter().map(|score| of(score)[k]).sum::<f64>() / scores.len() as f64)
-    };
-    (!scores.is_empty()).then(|| Score { confirmed: mean(|score| score.confirmed), all: mean(|score| score.all) })
-}
-
-/// The report on a photo's depth.
-struct Report {
-    name: String,
-    source: DepthSource,
-    seconds: f64,
-    /// Share of the pixels that other photos confirm, 0 to 1.
-    confirmed: f64,
-    /// Nearest and farthest confirmed depth, in scene units.
-    span: Option<(f64, f64)>,
-    /// Disparity of one pixel of parallax, in 1/scene unit.
-    disparity_per_pixel: f32,
-    score: Option<Score>,
-    files: [PathBuf; 4],
-}
-
-impl Report {
-    fn new(name: String, depth: &ViewDepth, score: Option<Score>, files: [PathBuf; 4]) -> Self {
-        let confirmed = || depth.confirmed.disparity.iter().copied().filter(|&disparity| disparity >= 0.0);
-        let (low, high) =
-            confirmed().fold((f32::INFINITY, 0.0_f32), |(low, high), value| (low.min(value), high.max(value)));
-        let count = confirmed().count();
-        Self {
-            name,
-            source: depth.source,
-            seconds: depth.time.as_secs_f64(),
-            confirmed: count as f64 / depth.confirmed.disparity.len() as f64,
-            span: (count > 0).then(|| (1.0 / f64::from(high), 1.0 / f64::from(low))),
-            disparity_per_pixel: depth.found.disparity_per_pixel,
-            score,
-            files,
-        }
-    }
-}
-
-/// Error bounds of the reported shares, in pixels of parallax.
-const WITHIN: [f32; 3] = [0.5, 1.0, 2.0];
-
-/// The true depth of a scene.
-struct Truth {
-    folder: PathBuf,
-    delta_max: f64,
-}
-
-/// Shares (0 to 1) of the pixels within [`WITHIN`] pixels of parallax of the truth, among those
-/// with known truth.
-#[derive(Clone, Copy)]
-struct Score {
-    confirmed: [f64; 3],
-    all: [f64; 3],
-}
-
-impl Truth {
-    /// Opens the true depth of a scene, if it has any.
-    fn open(scene: &Scene) -> Result<Option<Self>> {
-        let folder = scene.root.join("depth");
-        let path = folder.join("scale.json");
-        if !path.is_file() {
-            return Ok(None);
-        }
-        let text = bounded::read_text(&path, bounded::MAX_JSON_BYTES).with_context(|| path.display().to_string())?;
-        let scale: Value = serde_json::from_slice(&text).map_err(|error| anyhow!("{}: {error}", path.display()))?;
-        match scale["delta_max"].as_f64() {
-            Some(delta_max) if delta_max > 0.0 => Ok(Some(Self { folder, delta_max })),
-            _ => bail!("{}: \"delta_max\" is {}; expected a number above 0", path.display(), scale["delta_max"]),
-        }
-    }
-
-    /// Compares a photo's depth with the truth, if the photo has one.
-    fn score(&self, view: &View, depth: &ViewDepth) -> Result<Option<Score>> {
-        let path = self.folder.join(stem(&view.name) + ".png");
-        if !path.is_file() {
-            return Ok(None);
-        }
-        let picture = image::load(&path)?;
-        let (actual, expected) = (picture.size(), view.camera.size());
-        if actual != expected {
-            bail!("{}: {actual}; expected {expected}, the size of the photo", path.display());
-        }
-        let truth = |(y, x)| (f64::from(picture.pixel(x, y)[0]) * self.delta_max) as f32;
-        Ok(Some(score(depth, &Array2::from_shape_fn(depth.found.disparity.dim(), truth))))
-    }
-}
-
-fn score(depth: &ViewDepth, truth: &Array2<f32>) -> Score {
-    // The pixels within each bound, then all pixels.
-    let (mut known, mut confirmed) = ([0_usize; 4], [0_usize; 4]);
-    for ((found, confirmed_disparity), &truth) in
-        depth.found.disparity.iter().zip(&depth.confirmed.disparity).zip(truth)
-    {
-        if truth > 0.0 {
-            let error = (found - truth).abs() / depth.found.disparity_per_pixel;
-            let count = |counts: &mut [usize; 4]| {
-                counts[3] += 1;
-                WITHIN.iter().zip(counts).for_each(|(&bound, count)| *count += usize::from(error <= bound));
-            };
-            count(&mut known);
-            if *confirmed_disparity >= 0.0 {
-                count(&mut confirmed);
-            }
-        }
-    }
-    let shares = |counts: [usize; 4]| std::array::from_fn(|k| counts[k] as f64 / counts[3].max(1) as f64);
-    Score { confirmed: shares(confirmed), all: shares(known) }
+    (row, json)
 }

@@ -40,19 +40,25 @@ fn command_that_a_signal_ends_at_once_leaves_no_file() {
 }
 
 #[test]
-fn interrupted_sweep_leaves_no_folder() {
+fn interrupted_sweep_leaves_no_file_and_no_worker() {
     let folders = Folders::new();
-    let temporary = folders.scene().join("temporary");
-    fs::create_dir(&temporary).unwrap();
     let mut sweep = Command::new(program());
     sweep.arg("sweep").arg(folders.scene()).args(["--target", "2", "--model", &fixture("tiny_v4")]);
     sweep.args(["--layers", "planes:64", "--repetitions", "1000", "-o", &folders.out("report")]);
-    sweep.env("TMPDIR", &temporary).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut running = sweep.spawn().unwrap();
-    // Folders alone: ONNX Runtime writes a file of its own there, `.ses`.
-    let count = || fs::read_dir(&temporary).unwrap().filter(|entry| entry.as_ref().unwrap().path().is_dir()).count();
-    wait_until(&mut running, || count() == 1);
+    let mut running = sweep.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let children = format!("/proc/{0}/task/{0}/children", running.id());
+    let worker = || fs::read_to_string(&children).unwrap_or_default().split_whitespace().next().map(str::to_owned);
+    // Empty once the process has ended, and until it is another program than that which started it.
+    let command = |worker: &str| fs::read_to_string(format!("/proc/{worker}/cmdline")).unwrap_or_default();
+    wait_until(&mut running, || worker().is_some_and(|worker| command(&worker).contains("--worker")));
+    let worker = worker().unwrap();
     send("-INT", &running);
     running.wait().unwrap();
-    assert_eq!((count(), folders.written()), (0, Vec::new()));
+    let ended = (0..600).any(|_| {
+        command(&worker).is_empty() || {
+            sleep(Duration::from_millis(100));
+            false
+        }
+    });
+    assert_eq!((ended, folders.written()), (true, Vec::new()));
 }

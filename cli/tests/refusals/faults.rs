@@ -43,12 +43,11 @@ fn json(command: &mut assert_cmd::Command) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// All written files by name, with their contents; records as sorted JSON.
+/// All written files by name, with their contents.
 fn contents(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
     let read = |name: String| {
         let bytes = fs::read(folders.out(&name)).unwrap();
-        let record = if name.ends_with("liveview.json") { serde_json::from_slice::<Value>(&bytes).ok() } else { None };
-        (name, record.map_or(bytes, |record| record.to_string().into_bytes()))
+        (name, bytes)
     };
     folders.written().into_iter().map(read).collect()
 }
@@ -56,16 +55,6 @@ fn contents(folders: &Folders) -> BTreeMap<String, Vec<u8>> {
 /// Whether a name of [`contents`] is that of a temporary file.
 fn is_temporary(name: &str) -> bool {
     name.rsplit('/').next().unwrap().starts_with(TEMPORARY)
-}
-
-/// Asserts that a command is refused with these words and changes no file.
-fn assert_refused(folders: &Folders, command: &mut assert_cmd::Command, words: &[&str]) {
-    let before = contents(folders);
-    let output = command.output().unwrap();
-    let stderr = stderr(&output);
-    assert_eq!((output.status.code(), stderr.matches("error: ").count()), (Some(2), 1), "{stderr}");
-    words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
-    assert!(contents(folders) == before, "{stderr}");
 }
 
 /// A scene with seven photos.
@@ -88,7 +77,7 @@ fn full_disk_is_an_error_that_leaves_no_file() {
         ("render", vec!["--heldout", "5", "--compare", &picture], "a.png"),
         ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
         ("inspect", vec!["--planes", "--target", "2", "-o", &picture], "a.png"),
-        ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "frame.npy"),
+        ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "sweep.json"),
     ] {
         let mut command = limited(&folders, 1, true, command, &arguments);
         folders.assert_refused(&mut command, &[file, "cannot be written: File too large"]);
@@ -153,7 +142,7 @@ fn failed_run_is_continued_by_resume() {
     for words in [
         format!("note: {kept} of {FRAMES} pictures are kept"),
         format!("note: {kept} of {FRAMES} pictures are in {}; add --resume", folders.out("parts")),
-        "parts/liveview.json: cannot be written: File too large".to_owned(),
+        "parts/liveview.jsonl: cannot be written: File too large".to_owned(),
     ] {
         assert!(report.contains(&words), "\"{words}\" is missing in: {report}");
     }
@@ -169,7 +158,10 @@ fn failed_run_is_continued_by_resume() {
     }
     assert_eq!(after.keys().filter(|name| is_temporary(name)).count(), 1, "--resume does not delete it");
     let again = folders.render(&more).output().unwrap();
-    assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures are kept")));
+    assert!(again.status.success() && stderr(&again).contains(&format!("{FRAMES} of {FRAMES} pictures are kept\n")));
+    let record = fs::read_to_string(folders.out("parts/liveview.jsonl")).unwrap();
+    let cut = record.lines().filter(|line| serde_json::from_str::<Value>(line).is_err()).count();
+    assert!(cut > 0 && record.lines().count() == FRAMES + cut, "{cut} lines that were cut spoil no other");
     folders.render(&parts).assert().success();
     assert_ne!(first(), before, "without --resume, written again");
 }
@@ -218,7 +210,7 @@ fn resume_renders_pictures_with_missing_or_changed_files_again() {
     };
     let first = json(&mut folders.render(&arguments));
     assert_eq!(first["kept"], 0);
-    let (first, written) = (untimed(first), contents(&folders));
+    let (first, written, mut lines) = (untimed(first), contents(&folders), 2);
     for (file, how) in [
         ("pictures/0.png", "missing"),
         ("compare/4.png", "missing"),
@@ -234,7 +226,16 @@ fn resume_renders_pictures_with_missing_or_changed_files_again() {
         }
         let report = json(folders.render(&arguments).arg("--resume"));
         assert_eq!(report["kept"], 1, "{file}");
-        assert!(untimed(report) == first && contents(&folders) == written, "{file}, {how}");
+        let mut again = contents(&folders);
+        let record =
+            again.insert("pictures/liveview.jsonl".into(), written["pictures/liveview.jsonl"].clone()).unwrap();
+        assert!(untimed(report) == first && again == written, "{file}, {how}");
+        lines += 1;
+        assert_eq!(
+            record.iter().filter(|&&byte| byte == b'\n').count(),
+            lines,
+            "a line for the picture that was rendered"
+        );
     }
     let output = folders.render(&arguments).arg("--resume").output().unwrap();
     let report = String::from_utf8_lossy(&output.stdout);
@@ -248,49 +249,62 @@ fn resume_tells_planes_of_a_given_range_from_those_of_a_refined_one() {
     let planes = ["--target", "2", "--layers", "planes:2", "-o", &frames, "--resume"];
     assert_eq!(json(&mut folders.render(&planes))["kept"], 0);
     let given = [&planes[..], &["--near", "2", "--far", "8"]].concat();
-    assert_refused(&folders, &mut folders.render(&given), &["\"depth\" is 2 to 8 at most, expected 2 to 8"]);
+    assert_eq!(json(&mut folders.render(&given))["kept"], 0);
+    assert_eq!(json(&mut folders.render(&given))["kept"], 1);
 }
 
 #[test]
-fn resume_of_another_job_is_an_error() {
+fn resume_keeps_pictures_of_the_same_job_only() {
     let folders = Folders::new();
     let frames = folders.out("frames");
     let render = |arguments: &[&str]| folders.render(&[&["-o", &frames], arguments].concat());
-    let refused = |arguments: &[&str], words: &[&str]| {
-        let words = [&["--resume", "frames"], words].concat();
-        assert_refused(&folders, render(arguments).arg("--resume"), &words);
+    let resumed = |arguments: &[&str]| {
+        let output = render(arguments).arg("--resume").output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        stderr(&output)
     };
     let line = ["--path", "line:3"];
     // Bytes after the end of a picture are not read: this gives photos the same length.
     let pad = |file: &Path| fs::File::options().write(true).open(file).unwrap().set_len(8192).unwrap();
     pad(&folders.photo(3));
     assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "an empty folder");
-    let other = "another job";
-    refused(&["--path", "line:4"], &[other, "\"targets\" is --path line:3, expected --path line:4"]);
-    refused(&["--path", "line:3", "--layers", "guided:3"], &[other, "\"layers\" is guided:2, expected guided:3"]);
-    refused(&["--path", "line:3", "--layers", "list:0.3"], &[other, "\"layers\"", "expected list:0.3"]);
-    refused(&["--path", "line:3", "--width", "32"], &[other, "\"size\" is 64x48, expected 32x24"]);
-    refused(&["--path", "line:3", "--near", "1"], &[other, "\"depth\" is 2 to 8, expected 1 to 8"]);
-    let model = folders.scene().join("other.onnx");
-    fs::copy(fixture("tiny_v4"), &model).unwrap();
-    let mut moved = folders.liveview("render", &["--path", "line:3", "-o", &frames, "--resume"]);
-    assert_refused(&folders, moved.arg("--model").arg(&model), &[other, "\"model\"", "other.onnx"]);
+    let written = contents(&folders);
+    let mut lines = 3;
+    // Renders another job, of so many frames, into the folder; then it is as before.
+    let mut is_another = |arguments: &[&str], count: usize| {
+        let words =
+            format!("note: 0 of {count} pictures are kept; {lines} lines of {frames}/liveview.jsonl are of other jobs");
+        let report = resumed(arguments);
+        assert!(report.contains(&words), "{arguments:?}: {report}");
+        lines += count;
+        let pictures = written.iter().filter(|(name, _)| name.ends_with(".png"));
+        pictures.for_each(|(name, bytes)| fs::write(folders.out(name), bytes).unwrap());
+    };
+    is_another(&["--path", "line:4"], 4);
+    is_another(&["--path", "line:3", "--layers", "guided:3"], 3);
+    is_another(&["--path", "line:3", "--layers", "list:0.3"], 3);
+    is_another(&["--path", "line:3", "--width", "32"], 3);
+    is_another(&["--path", "line:3", "--near", "1"], 3);
     folders.write_scene(5, "0, 0.2]", "0, 0.21]");
-    refused(&line, &[other, "\"cameras\""]);
+    is_another(&line, 3);
     folders.write_scene(5, "\"near\"", "\"k1\": 0.01, \"near\"");
-    refused(&line, &[other, "\"cameras\""]);
+    is_another(&line, 3);
     folders.write_scene(5, "", "");
     let bytes = fs::read(folders.photo(3)).unwrap();
     photo(&folders.photo(3), 7.0, WIDTH, HEIGHT);
     assert!(folders.photo(3).metadata().unwrap().len() < 8192);
     pad(&folders.photo(3));
-    refused(&line, &[other, "\"photos\""]);
+    is_another(&line, 3);
     fs::write(folders.photo(3), bytes).unwrap();
     assert_eq!(
         json(render(&line).args(["--resume", "--threads", "1", "--batch", "2"]))["kept"],
         3,
         "threads and batch size do not affect the pictures"
     );
+    let model = folders.scene().join("other.onnx");
+    fs::copy(fixture("tiny_v4"), &model).unwrap();
+    let mut moved = folders.liveview("render", &["--path", "line:3", "-o", &frames, "--resume"]);
+    assert_eq!(json(moved.arg("--model").arg(&model))["kept"], 3, "nor do names of files");
 
     // A frame of another job with the same name. Only inner frames, between the views, depend on
     // the layers.
@@ -302,14 +316,20 @@ fn resume_of_another_job_is_an_error() {
     let frame = "frames/frame_0001.png";
     fs::write(folders.out(frame), &guided_frames[frame]).unwrap();
     assert_eq!(json(render(&planes).arg("--resume"))["kept"], 3);
-    assert!(guided_frames[frame] != plane_frames[frame] && contents(&folders) == plane_frames);
+    assert!(guided_frames[frame] != plane_frames[frame] && contents(&folders)[frame] == plane_frames[frame]);
+    // The lines of the first job are still there.
+    for (name, bytes) in written.iter().filter(|(name, _)| name.ends_with(".png")) {
+        fs::write(folders.out(name), bytes).unwrap();
+    }
+    assert_eq!(json(render(&line).arg("--resume"))["kept"], 3);
 
-    fs::write(folders.out("frames/liveview.json"), "{").unwrap();
-    refused(&line, &["liveview.json: not JSON"]);
-    fs::write(folders.out("frames/liveview.json"), "[]").unwrap();
-    refused(&line, &["\"liveview\" is missing, expected"]);
-    fs::remove_file(folders.out("frames/liveview.json")).unwrap();
-    refused(&line, &["liveview.json is missing, which records", "frame_0000.png exists"]);
+    for damaged in ["{", "[]", "1\n\"a\"\n{\"job\": 2}\n\n", ""] {
+        fs::write(folders.out("frames/liveview.jsonl"), damaged).unwrap();
+        assert_eq!(json(render(&line).arg("--resume"))["kept"], 0, "{damaged}");
+        assert_eq!(json(render(&line).arg("--resume"))["kept"], 3, "{damaged}");
+    }
+    fs::remove_file(folders.out("frames/liveview.jsonl")).unwrap();
+    assert!(resumed(&line).starts_with("note: 0 of 3 pictures are kept\n"), "no lines of other jobs");
 }
 
 #[test]
@@ -356,7 +376,7 @@ fn photo_that_disappears_during_the_run_is_an_error() {
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
     render.arg("render").arg(folders.scene()).args(arguments).args(["--model", &fixture("tiny_v4")]);
     let mut running = render.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_until(&mut running, || fs::exists(folders.out("frames/liveview.json")).unwrap());
+    wait_until(&mut running, || fs::exists(folders.out("frames/liveview.jsonl")).unwrap());
     fs::remove_file(&photo).unwrap();
     let output = running.wait_with_output().unwrap();
     let report = stderr(&output);
@@ -396,7 +416,7 @@ fn failed_encoder_leaves_no_video() {
 }
 
 #[test]
-fn concurrent_runs_write_complete_files_and_a_valid_record() {
+fn concurrent_runs_write_complete_files_and_a_record_of_each() {
     let folders = seven_photos();
     let picture = |layers: &str, name: &str| {
         let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
@@ -415,14 +435,22 @@ fn concurrent_runs_write_complete_files_and_a_valid_record() {
         let [both, three, five] = ["both", "three", "five"].map(|folder| &written[&format!("{folder}/{frame}")]);
         assert!(both == three || both == five, "{frame}");
     }
-    // The record is valid for the run that wrote it last.
-    let record: Value = serde_json::from_slice(&written["both/liveview.json"]).unwrap();
-    let first = record["job"]["layers"] == "planes:3";
-    let (layers, alone) = if first { ("planes:3", "three") } else { ("planes:5", "five") };
-    assert!(picture(layers, "both").arg("--resume").status().unwrap().success());
-    let written = contents(&folders);
-    for frame in (0..20).map(|frame| format!("frame_{frame:04}.png")) {
-        assert!(written[&format!("both/{frame}")] == written[&format!("{alone}/{frame}")], "{frame}");
+    // Each job continues with the pictures that are its own.
+    let record = String::from_utf8(written["both/liveview.jsonl"].clone()).unwrap();
+    let lines: Vec<Value> = record.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 3 * 20);
+    for (layers, alone) in [("planes:3", "three"), ("planes:5", "five")] {
+        let own = |written: &BTreeMap<String, Vec<u8>>| {
+            let same = |frame: &usize| {
+                let [both, alone] = ["both", alone].map(|folder| &written[&format!("{folder}/frame_{frame:04}.png")]);
+                both == alone
+            };
+            (0..20).filter(same).count()
+        };
+        let kept = own(&contents(&folders));
+        let output = picture(layers, "both").arg("--resume").output().unwrap();
+        assert!(stderr(&output).contains(&format!("{kept} of 20 pictures are kept; ")), "{}", stderr(&output));
+        assert_eq!(own(&contents(&folders)), 20, "{layers}");
     }
 }
 

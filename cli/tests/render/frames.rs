@@ -51,7 +51,7 @@ fn shares_of_a_path_have_the_pictures_of_the_whole_path() {
 }
 
 #[test]
-fn each_share_is_resumed_by_its_own_record() {
+fn shares_of_a_path_are_resumed_by_one_record() {
     let folders = Folders::new();
     let frames = folders.out("frames");
     let render = |more: &[&str]| {
@@ -67,7 +67,14 @@ fn each_share_is_resumed_by_its_own_record() {
     assert_eq!(render(&["0:3", "--resume"]), kept(2));
     assert_eq!(render(&["3:6", "--resume"]), kept(3));
     assert!(pictures(&frames) == expected);
-    assert!(folders.written().contains(&"frames/liveview_3_6.json".to_owned()));
+    let record = fs::read_to_string(folders.out("frames/liveview.jsonl")).unwrap();
+    assert_eq!(record.lines().count(), 6 + 1);
+    // The whole path is the same job.
+    fs::remove_file(folders.out("frames/frame_0004.png")).unwrap();
+    let whole = ["--path", "circle:6", "--network", "none", "-o", &frames, "--resume"];
+    let output = folders.liveview("render", &whole).output().unwrap();
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "note: 5 of 6 pictures are kept\n");
+    assert!(pictures(&frames) == expected);
 }
 
 #[test]

@@ -96,7 +96,7 @@ fn jpeg_quality_is_that_of_files_and_folders() {
     assert_eq!(serde_json::from_str::<Value>(&again).unwrap()["kept"], 2);
     let other = ["--path", "line:2", "--jpeg-quality", "70", "--network", "none", "--resume", "-o"];
     let output = folders.liveview("render", &[&other[..], &[&folders.out("frames")]].concat()).output().unwrap();
-    assert!(String::from_utf8_lossy(&output.stderr).contains("\"jpeg_quality\" is 80, expected 70"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("0 of 2 pictures are kept; 2 lines of "));
     let folders = Folders::new();
     for (quality, name, words) in [("80", "a.png", "ends in .jpg, or a folder"), ("0", "a.jpg", "from 1 to 100")] {
         let picture = folders.out(name);

@@ -261,7 +261,7 @@ fn frames_of_an_earlier_run_are_reported() {
 #[test]
 fn record_is_extended_in_place() {
     let folders = Folders::new();
-    let (record, first) = (folders.out("frames/liveview.json"), folders.out("first"));
+    let (record, first) = (folders.out("frames/liveview.jsonl"), folders.out("first"));
     let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
     render.arg("render").arg(folders.scene()).args(["--path", "line:100", "-o", &folders.out("frames")]);
     render.args(["--model", &fixture("tiny_v4"), "--layers", "guided:1"]).stdout(Stdio::null());
@@ -270,14 +270,15 @@ fn record_is_extended_in_place() {
     assert!(running.wait().unwrap().success());
     let text = fs::read(&record).unwrap();
     assert!(text == fs::read(&first).unwrap(), "one file from the first picture to the last");
-    let record: Value = serde_json::from_slice(&text).unwrap();
-    assert_eq!(record["done"].as_object().unwrap().len(), 100);
+    let lines = text.split(|&byte| byte == b'\n').filter(|line| !line.is_empty());
+    let lines: Vec<Value> = lines.map(|line| serde_json::from_slice(line).unwrap()).collect();
+    assert!(lines.len() == 100 && lines.iter().all(|line| line["job"] == lines[0]["job"]));
 }
 
 #[test]
 fn invalid_record_is_an_error() {
     let folders = Folders::new();
-    let record = folders.out("frames/liveview.json");
+    let record = folders.out("frames/liveview.jsonl");
     let resume = || folders.render(&["--path", "line:3", "-o", &folders.out("frames"), "--resume"]);
     let refused = |words: &[&str]| {
         let output = resume().timeout(Duration::from_secs(20)).output().unwrap();
@@ -287,13 +288,13 @@ fn invalid_record_is_an_error() {
     };
     fs::create_dir(folders.out("frames")).unwrap();
     assert!(Command::new("mkfifo").arg(&record).status().unwrap().success());
-    refused(&["liveview.json", "not a regular file"]);
+    refused(&["liveview.jsonl", "not a regular file"]);
     fs::remove_file(&record).unwrap();
     symlink("/dev/zero", &record).unwrap();
-    refused(&["liveview.json", "not a regular file"]);
+    refused(&["liveview.jsonl", "not a regular file"]);
     fs::remove_file(&record).unwrap();
     fs::File::create(&record).unwrap().set_len(1 << 36).unwrap();
-    refused(&["--resume", "liveview.json", "cannot be read", "bytes"]);
+    refused(&["--resume", "liveview.jsonl", "cannot be read", "bytes"]);
 }
 
 #[test]

@@ -64,21 +64,12 @@ impl AtomicFile {
     /// they are full) and of renaming. On an error the temporary file is deleted, and an existing
     /// file at `path` is unchanged.
     pub fn finish(self) -> io::Result<()> {
-        self.finish_open().map(drop)
-    }
-
-    /// As [`AtomicFile::finish`]; the file stays open for further writing.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`AtomicFile::finish`].
-    pub fn finish_open(self) -> io::Result<File> {
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
         if let Some(temporary) = self.temporary {
             file.sync_data()?;
             temporary.rename(&self.path)?;
         }
-        Ok(file)
+        Ok(())
     }
 }
 

@@ -1,14 +1,11 @@
-//! Live video from a camera rig: its frames, the session that renders its time steps, the governor of quality, the
-//! video of a moving viewpoint; and ffmpeg.
+//! Live pictures from a camera rig: its frames, and the session that renders its time steps; and ffmpeg.
 
 #![allow(clippy::missing_errors_doc, reason = "errors name the option or the file, and what was expected of it")]
 
 pub mod ffmpeg;
-pub mod governor;
 pub mod interrupt;
 pub mod rig;
 pub mod session;
-pub mod video;
 
 pub use ffmpeg::FrameRate;
 
@@ -18,7 +15,7 @@ pub fn peak_memory() -> Option<u64> {
 }
 
 /// Current memory of the process in bytes; `None` if not on Linux.
-pub(crate) fn resident_memory() -> Option<u64> {
+pub fn resident_memory() -> Option<u64> {
     status("VmRSS:")
 }
 

@@ -14,7 +14,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::arguments::library;
-use crate::frame::{About, about};
+use crate::frame::Frame;
 
 /// The library's synthesizer, and how its work is ended.
 pub(crate) struct Engine {
@@ -120,7 +120,7 @@ impl Engine {
         let layers = synthesizer.layers().clone();
         let opened = options.open_renderer(Some(&layers)).map_err(library)?;
         *synthesizer.renderer_mut() = opened.renderer;
-        *locked(&self.runs) = opened.run_end;
+        *locked(&self.runs) = opened.model.map(|model| model.run_end);
         Ok(())
     }
 }
@@ -132,12 +132,13 @@ pub(crate) fn rendered(
     shot: &Shot,
     later: &[Shot],
     known: Option<Plan>,
-) -> PyResult<(liveview::Frame, Plan, About)> {
+) -> PyResult<(Frame, Plan)> {
     let loaded = synthesizer.load(shot, later).map_err(library)?;
     let plan = known.map_or_else(|| synthesizer.plan(&loaded), Ok).map_err(library)?;
     let frame = synthesizer.render_plan(&loaded, &plan, None).map_err(library)?;
-    let about = about(&plan, &frame);
-    Ok((frame, plan, about))
+    let guessed = plan.surface.as_ref().map(|found| found.surface.guessed_share());
+    let before = [("depth", plan.search), ("selection", plan.selection)];
+    Ok((Frame::new(shot.name.clone(), frame, before, guessed), plan))
 }
 
 /// Time between two looks for a signal.

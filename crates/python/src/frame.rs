@@ -16,6 +16,9 @@ use pyo3::types::PyDict;
 use crate::arguments::library;
 use crate::engine::{Engine, compute, rendered};
 
+/// A stage and its wall time.
+type Stage = (&'static str, Duration);
+
 /// A rendered picture. Each read of an array is a copy.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Frame {
@@ -26,29 +29,15 @@ pub(crate) struct Frame {
     /// The share of the pixels whose surface no two photos confirm; None for layers that do not follow it.
     #[pyo3(get)]
     guessed: Option<f64>,
-    times: Times,
-}
-
-/// Wall time of each stage, seconds.
-pub(crate) type Times = Vec<(&'static str, Duration)>;
-/// That time, and the share of guessed pixels.
-pub(crate) type About = (Times, Option<f64>);
-
-/// What is known of a picture by its plan.
-pub(crate) fn about(plan: &Plan, frame: &liveview::Frame) -> About {
-    let stages = [("depth", plan.search), ("selection", plan.selection)];
-    let guessed = plan.surface.as_ref().map(|found| found.surface.guessed_share());
-    (stages.into_iter().chain(rendering(frame)).collect(), guessed)
-}
-
-/// Wall time of the stages of rendering.
-pub(crate) fn rendering(frame: &liveview::Frame) -> [(&'static str, Duration); 3] {
-    [("warp", frame.times.warp), ("network", frame.times.network), ("composite", frame.times.composite)]
+    times: Vec<Stage>,
 }
 
 impl Frame {
-    pub(crate) fn new(name: String, frame: liveview::Frame, (times, guessed): About) -> Self {
-        Self { name, frame, guessed, times }
+    /// `before`: wall time of the stages before rendering; `guessed`: the share of guessed pixels.
+    pub(crate) fn new(name: String, frame: liveview::Frame, before: [Stage; 2], guessed: Option<f64>) -> Self {
+        let times = &frame.times;
+        let rendering = [("warp", times.warp), ("network", times.network), ("composite", times.composite)];
+        Self { name, guessed, times: before.into_iter().chain(rendering).collect(), frame }
     }
 }
 
@@ -134,22 +123,17 @@ struct Progress {
 
 impl Progress {
     /// Renders a shot on the path's planes.
-    fn render(
-        &mut self,
-        synthesizer: &mut Synthesizer,
-        shots: &[Shot],
-        index: usize,
-    ) -> PyResult<(String, liveview::Frame, About)> {
+    fn render(&mut self, synthesizer: &mut Synthesizer, shots: &[Shot], index: usize) -> PyResult<Frame> {
         let selects = matches!(synthesizer.layers(), LayerSpec::Select { .. });
         if selects && index > 0 && self.selected.is_none() {
             self.render(synthesizer, shots, 0)?;
         }
         let (shot, known) = (&shots[index], self.selected.clone().map(Plan::known));
-        let (frame, plan, about) = rendered(synthesizer, shot, &shots[index + 1..], known)?;
+        let (frame, plan) = rendered(synthesizer, shot, &shots[index + 1..], known)?;
         if selects {
             self.selected.get_or_insert(plan.layers);
         }
-        Ok((shot.name.clone(), frame, about))
+        Ok(frame)
     }
 }
 
@@ -174,17 +158,15 @@ impl Frames {
         if index >= self.shots.len() {
             return Err(PyIndexError::new_err(format!("frame {index}: the path has {}", self.shots.len())));
         }
-        let found = self.engine.with(py, |synthesizer| {
+        self.engine.with(py, |synthesizer| {
             let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
             progress.render(synthesizer, &self.shots, index)
-        })?;
-        let (name, frame, about) = found;
-        Ok(Frame::new(name, frame, about))
+        })
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
         // All under the engine's lock, so that threads get different frames on the same planes.
-        let found = self.engine.with(py, |synthesizer| {
+        self.engine.with(py, |synthesizer| {
             let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
             let next = progress.next;
             if next == self.shots.len() {
@@ -194,7 +176,6 @@ impl Frames {
             // A frame that failed, or that an interrupt drops, comes again.
             progress.next += usize::from(!self.engine.is_interrupted());
             Ok(Some(found))
-        })?;
-        Ok(found.map(|(name, frame, about)| Frame::new(name, frame, about)))
+        })
     }
 }

@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use crate::arguments::{Object, library, named, some, value, view_index, whole};
 use crate::camera::{camera, cameras};
 use crate::engine::{Engine, compute, rendered};
-use crate::frame::{Frame, Frames, rendering};
+use crate::frame::{Frame, Frames};
 use crate::scene::{Scene, picture};
 
 /// Renders new views of a scene. Photos and their depth are kept from picture to picture. Several
@@ -91,12 +91,11 @@ impl Synthesizer {
     /// others.
     fn render(&self, py: Python<'_>, target: &Object<'_>) -> PyResult<Frame> {
         let targets = self.targets("target", target)?;
-        let (name, (frame, _, about)) = self.engine.with(py, |synthesizer| {
+        self.engine.with(py, |synthesizer| {
             let shots = synthesizer.shots(targets).map_err(library)?;
             let [shot] = shots.as_slice() else { return Err(PyRuntimeError::new_err("target: not one")) };
-            Ok((shot.name.clone(), rendered(synthesizer, shot, &[], None)?))
-        })?;
-        Ok(Frame::new(name, frame, about))
+            Ok(rendered(synthesizer, shot, &[], None)?.0)
+        })
     }
 
     /// The pictures of cameras along a path, one after the other, over one depth range.
@@ -113,7 +112,7 @@ impl Synthesizer {
         let later = self.ask(view);
         let found = self
             .engine
-            .with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &later).map_err(library))?;
+            .with(py, |synthesizer| synthesizer.photos_mut().view_depth(view, &[], &later, false).map_err(library))?;
         let confirmed = found.confirmed.disparity.mapv(|disparity| disparity >= 0.0).into_pyarray(py);
         let pixel = found.found.disparity_per_pixel;
         let disparity = Arc::unwrap_or_clone(found.found).disparity.into_pyarray(py);
@@ -244,9 +243,8 @@ impl LiveSession {
             steps.rendered += 1;
             Ok((steps.rendered - 1, found))
         })?;
-        let mut times = vec![("photos", found.times.photos), ("layers", found.times.layers)];
-        times.extend(rendering(&found.frame));
-        Ok(Frame::new(format!("frame_{step:04}"), found.frame, (times, None)))
+        let before = [("photos", found.times.photos), ("layers", found.times.layers)];
+        Ok(Frame::new(format!("frame_{step:04}"), found.frame, before, None))
     }
 
     /// Forgets what earlier steps have found: the next is rendered like the first.

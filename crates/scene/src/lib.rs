@@ -288,13 +288,7 @@ impl Scene {
             declared.push(DeclaredView::new(photo, (camera.intrinsics(), camera.size()), pose));
             pictures.insert(name, picture);
         }
-        let declared = DeclaredViews {
-            cameras: root.clone(),
-            views: declared,
-            notes: Vec::new(),
-            held_out: Vec::new(),
-            reprojection_error: None,
-        };
+        let declared = DeclaredViews { cameras: root.clone(), views: declared, ..DeclaredViews::default() };
         let (views, notes) = view::from_declared(declared, options, true)?;
         let pixels = Pixels::Memory(Arc::new(pictures));
         let (format, reprojection_error) = (Format::Memory, None);

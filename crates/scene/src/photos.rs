@@ -295,13 +295,7 @@ impl<'a> PhotoLookup<'a> {
             ));
         }
         notes.extend(ignored.into_iter().map(|(property, names)| format!("{property}: {}", abbreviated(&names))));
-        Ok(DeclaredViews {
-            cameras: listed_in.to_owned(),
-            views,
-            notes,
-            held_out: Vec::new(),
-            reprojection_error: None,
-        })
+        Ok(DeclaredViews { cameras: listed_in.to_owned(), views, notes, ..DeclaredViews::default() })
     }
 }
 

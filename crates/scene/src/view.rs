@@ -43,6 +43,7 @@ pub(crate) fn seen_from(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
 }
 
 /// The result of a format's reader.
+#[derive(Default)]
 pub(crate) struct DeclaredViews {
     /// The file that holds the cameras, for messages.
     pub(crate) cameras: PathBuf,

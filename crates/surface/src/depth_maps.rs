@@ -102,19 +102,6 @@ impl DepthMaps {
         self.correction = self.correction.take().filter(|_| !new && !self.steps.is_multiple_of(CORRECTION_STEPS));
     }
 
-    /// What compares a new depth of photo `index` with those of a set that are known.
-    pub fn comparison(&self, index: usize, set: &[usize]) -> Comparison {
-        let others = set.iter().filter(|&&other| other != index);
-        let known = others.filter_map(|&other| Some((other, self.cameras[other].clone(), self.maps[other].clone()?)));
-        Comparison { photo: index, camera: self.cameras[index].clone(), others: known.collect() }
-    }
-
-    /// As [`Self::insert`], with the votes of [`Self::comparison`].
-    pub fn insert_compared(&mut self, index: usize, depth: PhotoDisparity, votes: Votes) {
-        self.insert(index, depth);
-        self.votes.extend(votes);
-    }
-
     /// Drops the depth of all photos but `keep`, and what compares it; of that between photos of which one
     /// is not needed `soon`, 64 MiB stay.
     pub fn retain(&mut self, keep: &[usize], soon: &[usize]) {
@@ -143,7 +130,10 @@ impl DepthMaps {
     /// # Panics
     ///
     /// If there are no photos, or one is without depth.
-    pub fn nearer_by_others(&mut self, photos: &[(usize, SourceView<'_>)]) -> (PhotoDisparity, ConfirmedDisparity) {
+    pub fn nearer_by_others(
+        &mut self,
+        photos: &[(usize, SourceView<'_>)],
+    ) -> (Arc<PhotoDisparity>, ConfirmedDisparity) {
         let set: Vec<usize> = photos.iter().map(|&(index, _)| index).collect();
         let confirmed = self.confirmed_by(set[0], &set);
         let depth = |index: usize| &**self.maps[index].as_ref().expect("a photo with depth");
@@ -151,7 +141,7 @@ impl DepthMaps {
         let nearer = nearer_edges(&found, 0, &confirmed);
         let others = found[1..].iter().map(|&(view, depth)| (view.camera, depth));
         let confirmed = confirmed_by((found[0].0.camera, &nearer), others);
-        (nearer, confirmed)
+        (Arc::new(nearer), confirmed)
     }
 
     /// The depths of these photos (indices with cameras and photos), in their order, where they confirm
@@ -208,31 +198,7 @@ impl DepthMaps {
     }
 }
 
-/// Depths of other photos, to compare that of a photo with once it is found, on any thread.
-#[derive(Debug)]
-pub struct Comparison {
-    photo: usize,
-    camera: Camera,
-    others: Vec<(usize, Camera, Arc<PhotoDisparity>)>,
-}
-
-impl Comparison {
-    /// The votes of the other maps on the photo's, and of the photo's on them.
-    pub fn votes(&self, depth: &PhotoDisparity) -> Votes {
-        let own = (&self.camera, depth);
-        let votes = |(other, camera, map): &(usize, Camera, Arc<PhotoDisparity>)| {
-            let (other, other_map) = (*other, (camera, &**map));
-            let pairs = [[other, self.photo], [self.photo, other]];
-            pairs.into_iter().zip([ConsistencyVotes::new(own, other_map), ConsistencyVotes::new(other_map, own)])
-        };
-        self.others.iter().flat_map(votes).collect()
-    }
-}
-
-/// Votes of the map of one photo on another's, by `[voter, judged]`.
-pub type Votes = HashMap<[usize; 2], ConsistencyVotes>;
-
-/// Votes, with the number of the request that used them last.
+/// Votes of the map of one photo on another's, by `[voter, judged]`, with the number of the request that used them last.
 #[derive(Debug, Clone, Default)]
 struct KeptVotes {
     votes: HashMap<[usize; 2], (u64, ConsistencyVotes)>,
@@ -253,12 +219,6 @@ impl KeptVotes {
             votes.0 = self.requests;
         }
         voters.iter().map(|&voter| &self.votes[&[voter, judged]].1).collect()
-    }
-
-    /// Takes votes that were computed elsewhere.
-    pub(crate) fn extend(&mut self, votes: Votes) {
-        self.requests += 1;
-        self.votes.extend(votes.into_iter().map(|(pair, votes)| (pair, (self.requests, votes))));
     }
 
     /// Drops the votes on a photo's map and those of it.

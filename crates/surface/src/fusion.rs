@@ -93,8 +93,8 @@ impl Surface {
 }
 
 /// Finds the surface of `target` from these photos, nearest first (at least one), from near to far
-/// (scene units). Unless `searches_holes`, holes are only filled.
-pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f64), searches_holes: bool) -> Surface {
+/// (scene units).
+pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f64)) -> Surface {
     let size = padded(target.size());
     let sources = warp_sources(views, target);
     let disparity_per_pixel = disparity_per_pixel(&sources, size, near, far);
@@ -102,7 +102,7 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     let guessed = splatted.iter().map(|&disparity| disparity < 0.0).collect();
     let guessed = Array2::from_shape_vec((size.height, size.width), guessed).expect("one per pixel");
     let mut filled = fill_holes(&splatted, size.width);
-    if searches_holes && share_of(&guessed) > SEARCHED_HOLE_SHARE {
+    if share_of(&guessed) > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
         let margin = OCCLUSION_MARGIN_PX * disparity_per_pixel;

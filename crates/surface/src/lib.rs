@@ -48,7 +48,7 @@ mod tests;
 
 pub use anchored_depth::{SmallMaps, SmallPhoto, anchored_depth_in_scene};
 pub use consistency::{ConfirmedDisparity, ConsistencyVotes};
-pub use depth_maps::{Comparison, DepthMaps, EXTRA_PHOTOS, NEIGHBOURS, Votes};
+pub use depth_maps::{DepthMaps, EXTRA_PHOTOS, NEIGHBOURS};
 pub use depth_range::depth_range;
 pub use followed_depth::{FollowedDepth, StepPhoto};
 pub use fusion::Surface;

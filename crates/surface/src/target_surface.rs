@@ -57,19 +57,17 @@ pub struct TargetSurface {
 impl TargetSurface {
     /// Finds the surface from photos whose depth is in `maps`, given by their indices among the
     /// maps with camera and texture, nearest first; the target is rendered from the first `count`.
-    /// Unless `searches_holes`, holes are only filled ([`crate::stages::surface()`]).
     pub fn find(
         maps: &mut DepthMaps,
         photos: &[(usize, SourceView<'_>)],
         count: usize,
         target: &Camera,
         correction: PhotoCorrection,
-        searches_holes: bool,
     ) -> Self {
         let mut confirmed = maps.mutually_confirmed(photos);
         let mut views = views(photos, &confirmed);
         let corrections = correct(maps, photos, &mut views, count, target, correction);
-        let surface = surface(&views, target, maps.range(), searches_holes);
+        let surface = surface(&views, target, maps.range());
         let confirmed_share = maps.confirmed_share;
         confirmed.truncate(count);
         Self { surface, confirmed, corrections, confirmed_share }

@@ -178,7 +178,7 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     }
     let views = rig.surface_views(&confirmed);
     let target = camera(0.1);
-    let found = surface(&views, &target, RANGE, true);
+    let found = surface(&views, &target, RANGE);
     let share = correct_share(&found.disparity, 0.1, found.disparity_per_pixel);
     assert!(share > 0.95, "{share}");
     let layers = found.layers(3).unwrap();
@@ -195,14 +195,12 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
 }
 
 #[test]
-fn depth_inserted_with_its_votes_is_confirmed_alike() {
+fn depth_inserted_again_is_confirmed_alike() {
     let rig = Rig::new();
     let mut maps = rig.maps();
     let expected = maps.mutually_confirmed(&rig.set(5));
     let depth = maps.get(2).unwrap().clone();
-    let votes = maps.comparison(2, &[0, 1, 2, 3, 4]).votes(&depth);
-    assert_eq!(votes.len(), 8, "of the other four on it, and of it on them");
-    maps.insert_compared(2, depth, votes);
+    maps.insert(2, depth);
     let found = maps.mutually_confirmed(&rig.set(5));
     assert!(found.iter().zip(expected).all(|(found, expected)| found.disparity == expected.disparity));
 }
@@ -327,7 +325,7 @@ fn anchored_depth_of_enlarged_photos_is_found_at_half_their_size() {
 fn seen_range_ends_beside_the_nearest_and_the_farthest_surface() {
     let rig = Rig::new();
     let mut maps = rig.maps();
-    let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default(), true);
+    let found = TargetSurface::find(&mut maps, &rig.set(4), 3, &camera(0.1), PhotoCorrection::default());
     let (near, far) = found.seen_range(RANGE);
     let pixel = f64::from(found.surface.disparity_per_pixel);
     assert!((SQUARE..SQUARE + 4.0 * pixel).contains(&(1.0 / near)), "{near}");
@@ -344,7 +342,7 @@ fn surface_any_number_of_threads_gives_the_same_bits() {
             let mut maps = rig.maps();
             let confirmed = maps.mutually_confirmed(&rig.set(5));
             let views = rig.surface_views(&confirmed[..4]);
-            let found = surface(&views, &camera(0.07), RANGE, true).disparity;
+            let found = surface(&views, &camera(0.07), RANGE).disparity;
             let correction = exposure_gains(&views, &[1.0; 4]).concat().into_iter().chain(sharpening(&views));
             found.into_iter().chain(correction).map(f32::to_bits).collect::<Vec<_>>()
         })
@@ -379,7 +377,7 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
             |index| SourceView { texture: if index == 1 { second } else { &rig.photos[index] }, ..rig.view(index) };
         let mut photos: Vec<_> = (0..4).map(|index| (index, view(index))).collect();
         photos.sort_by(|a, b| (PLACES[a.0] - x).abs().total_cmp(&(PLACES[b.0] - x).abs()));
-        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default(), true);
+        let found = TargetSurface::find(maps, &photos, 3, &camera(x), PhotoCorrection::default());
         found.corrections
     };
     for (x, second) in [(0.05, &rig.photos[1]), (0.02, &rig.photos[1]), (-0.15, &rig.photos[1]), (-0.12, &darker)] {

@@ -200,36 +200,14 @@ pub fn of_view(
     target: usize,
     views: usize,
 ) -> Result<(Option<TargetSurface>, Option<f64>), SynthesisError> {
-    let (mut synthesizer, loaded, plan) = planned(scene_views, target, views)?;
-    let (_, agreeing) = render(&mut synthesizer, &loaded, &plan, true, &mut |_| ())?;
-    Ok((plan.surface, agreeing))
-}
-
-/// That surface alone, which is not rendered.
-///
-/// # Errors
-///
-/// Those of [`Synthesizer::plan`].
-pub fn surface_of_view(
-    scene_views: &SceneViews,
-    target: usize,
-    views: usize,
-) -> Result<Option<TargetSurface>, SynthesisError> {
-    Ok(planned(scene_views, target, views)?.2.surface)
-}
-
-fn planned(
-    scene_views: &SceneViews,
-    target: usize,
-    views: usize,
-) -> Result<(Synthesizer, LoadedShot, Plan), SynthesisError> {
     let targets = Targets::held_out(scene_views.scene(), vec![target]);
     let renderer = Renderer::new(Box::new(ViewAgreement { views }), ViewAgreement::ALPHA, 1);
     let mut synthesizer = Synthesizer::new(scene_views.clone(), renderer, LayerSpec::Surface(1));
     let shot = synthesizer.shots(targets)?.remove(0);
     let loaded = synthesizer.load(&shot, &[])?;
     let plan = synthesizer.plan(&loaded)?;
-    Ok((synthesizer, loaded, plan))
+    let (_, agreeing) = render(&mut synthesizer, &loaded, &plan, true, &mut |_| ())?;
+    Ok((plan.surface, agreeing))
 }
 
 #[cfg(test)]

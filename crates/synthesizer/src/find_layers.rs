@@ -37,8 +37,6 @@ pub struct FrameInput<'a> {
     pub is_followed: bool,
     /// Which differences between photos are corrected, for surface layers.
     pub photo_correction: PhotoCorrection,
-    /// Whether holes of a surface are searched at the target.
-    pub searches_holes: bool,
 }
 
 /// The photos that a frame is rendered from and some further ones near the target, with their depth.
@@ -143,8 +141,7 @@ pub fn find_layers<'a, E: From<LayersError>>(
             let photos = with_depth(if carried.has_depth { reuse } else { Reuse::Nothing })?;
             carried.has_depth = true;
             let PhotosWithDepth { maps, photos, rendered_from, searched } = photos;
-            let (correction, searches_holes) = (frame.photo_correction, frame.searches_holes);
-            let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, correction, searches_holes);
+            let surface = TargetSurface::find(maps, &photos, rendered_from, frame.target, frame.photo_correction);
             let layers = surface.surface.layers(count)?;
             let (source, corrections) = (LayerSource::propagated(searched), surface.corrections.clone());
             Plan { source, corrections, surface: Some(surface), ..Plan::known(layers) }

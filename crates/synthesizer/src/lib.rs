@@ -16,7 +16,6 @@
 
 pub mod agreement;
 pub mod colormap;
-mod depth_search;
 mod error;
 mod find_layers;
 pub mod guessed;
@@ -31,7 +30,6 @@ mod shot;
 mod synthesizer;
 
 pub use agreement::ViewAgreement;
-pub use depth_search::{DepthSearch, FoundDepth};
 pub use error::SynthesisError;
 pub use find_layers::{
     Carried, FrameInput, LayerSource, PhotosWithDepth, Plan, Selection, cover_planes, find_layers, select_planes,

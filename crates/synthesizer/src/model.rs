@@ -16,7 +16,8 @@ use std::thread::{self, Builder};
 use crate::{LayerSpec, SynthesisError, ViewAgreement};
 use liveview::Renderer;
 use liveview::network::{
-    Alpha, AlphaKind, ExecutionProvider, NetworkError, OrtLibrary, OrtNetwork, Precision, RunEnd, cpu_has_bf16,
+    Alpha, AlphaKind, ExecutionProvider, ModelCard, NetworkError, OrtLibrary, OrtNetwork, Precision, RunEnd,
+    cpu_has_bf16,
 };
 use liveview_files::memory;
 use liveview_scene::SceneOptions;
@@ -134,14 +135,14 @@ impl ModelOptions {
     /// As [`Model::open`].
     pub fn open_renderer(&self, layers: Option<&LayerSpec>) -> Result<OpenedRenderer, SynthesisError> {
         if self.uses_network(layers) {
-            let model = Model::open(self, layers)?;
-            let layers = layers.cloned().map_or_else(|| recommended_layers(&model.network), Ok)?;
-            let run_end = Some(model.network.run_end());
-            return Ok(OpenedRenderer { renderer: model.into_renderer(), layers, run_end });
+            let (model, network) = Model::open(self, layers)?;
+            let layers = layers.cloned().map_or_else(|| recommended_layers(&network), Ok)?;
+            let renderer = Renderer::new(Box::new(network), model.alpha, self.batch);
+            return Ok(OpenedRenderer { renderer, layers, model: Some(model) });
         }
         let network = ViewAgreement { views: self.views_or_default() };
         let renderer = Renderer::new(Box::new(network), ViewAgreement::ALPHA, self.batch);
-        Ok(OpenedRenderer { renderer, layers: layers.cloned().unwrap_or(ViewAgreement::LAYERS), run_end: None })
+        Ok(OpenedRenderer { renderer, layers: layers.cloned().unwrap_or(ViewAgreement::LAYERS), model: None })
     }
 }
 
@@ -152,33 +153,37 @@ pub struct OpenedRenderer {
     pub renderer: Renderer,
     /// The layers that it renders on.
     pub layers: LayerSpec,
-    /// Ends the runs of its network from another thread; `None` without a network.
-    pub run_end: Option<RunEnd>,
+    /// The model whose network it runs; `None` without one.
+    pub model: Option<Model>,
 }
 
-/// An opened model.
+/// An opened model, and how it is run.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Model {
-    /// The network.
-    pub network: OrtNetwork,
+    /// The model file.
+    pub path: PathBuf,
+    /// The metadata of the file.
+    pub card: ModelCard,
     /// How the layers of a pixel share it.
     pub alpha: Alpha,
-    /// Layers that go through the network at once.
-    pub batch: usize,
-    /// ONNX Runtime.
-    pub library: OrtLibrary,
+    /// The file of the ONNX Runtime library.
+    pub library: PathBuf,
+    /// The execution provider.
+    pub provider: ExecutionProvider,
     /// Precision of the arithmetic: f32, bf16 or int8.
     pub precision: String,
+    /// Ends the network's runs from another thread.
+    pub run_end: RunEnd,
 }
 
 impl Model {
-    /// Finds and opens the model for these layers, by default for those along the surface.
+    /// Finds and opens the model for these layers, by default for those along the surface, and its network.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Model`], [`SynthesisError::Library`] and [`SynthesisError::Network`].
-    pub fn open(options: &ModelOptions, layers: Option<&LayerSpec>) -> Result<Self, SynthesisError> {
+    pub fn open(options: &ModelOptions, layers: Option<&LayerSpec>) -> Result<(Self, OrtNetwork), SynthesisError> {
         let path = match &options.file {
             Some(path) => path.clone(),
             None => options.find(options.views_or_default(), layers.or(Some(&ViewAgreement::LAYERS)))?,
@@ -188,9 +193,6 @@ impl Model {
         // If ONNX Runtime gets only some of its threads, it waits for ever.
         check_threads(threads).map_err(|source| SynthesisError::Threads { path: path.clone(), source })?;
         let network = OrtNetwork::open_in(options.precision, &library, &path, threads)?;
-        let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
-        let precision = if in_bf16 { "bf16".to_owned() } else { network.card().precision.clone() };
-        let alpha = network.card().alpha(options.alpha);
         // A model that the user names may render any layers.
         if let (None, Some(layers)) = (&options.file, layers)
             && !network.card().is_for(layers.kind())
@@ -198,12 +200,12 @@ impl Model {
             let kinds = format!("\"{}\"", network.card().layer_kinds.join(", "));
             return Err(unfit(&network, "layer_kinds", kinds, format!("{} among them", layers.kind())).into());
         }
-        Ok(Self { network, alpha, batch: options.batch, library, precision })
-    }
-
-    /// A renderer that runs it.
-    pub fn into_renderer(self) -> Renderer {
-        Renderer::new(Box::new(self.network), self.alpha, self.batch)
+        let card = network.card().clone();
+        let in_bf16 = options.precision == Precision::Bf16 && cpu_has_bf16();
+        let precision = if in_bf16 { "bf16".to_owned() } else { card.precision.clone() };
+        let (alpha, run_end) = (card.alpha(options.alpha), network.run_end());
+        let (provider, library) = (options.provider, library.path().to_owned());
+        Ok((Self { path, card, alpha, library, provider, precision, run_end }, network))
     }
 }
 

@@ -5,13 +5,16 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crate::depth_search::SearchedPhoto;
-use crate::{DepthSearch, FoundDepth, LoadedShot, PhotosWithDepth, ScenePhotos, SceneViews, Shot, SynthesisError};
+use rayon::prelude::*;
+
+use crate::shot::LoadedPhoto;
+use crate::{LoadedShot, PhotosWithDepth, ScenePhotos, SceneViews, SynthesisError, memory};
 use liveview::Camera;
-use liveview_surface::cache::{DepthCache, PhotoDigest};
-use liveview_surface::{ConfirmedDisparity, DepthMaps, PhotoDisparity, SmallMaps};
+use liveview::warp::SourceView;
+use liveview_surface::cache::{DepthCache, DepthKey, PhotoDigest};
+use liveview_surface::{ConfirmedDisparity, DepthMaps, PhotoDisparity, SmallMaps, SmallPhoto, anchored_depth_in_scene};
 
 impl ScenePhotos {
     /// Keeps the depth of photos in a folder, one file each, and reads from there what an earlier
@@ -47,83 +50,6 @@ impl ScenePhotos {
         self.files.as_mut().map(|files| std::mem::take(&mut files.notes)).unwrap_or_default()
     }
 
-    /// The views of a shot whose photos' depth is not known: rendering it along the surface searches
-    /// them.
-    pub fn unknown_depths(&self, shot: &Shot) -> Vec<usize> {
-        let known = self.depth.as_ref().filter(|depth| depth.maps.held_out == shot.held_out);
-        shot.photos().filter(|&view| known.is_none_or(|depth| depth.maps.get(view).is_none())).collect()
-    }
-
-    /// The search for the depth of a view's photo, to be run on another thread while pictures are
-    /// rendered, and given to [`Self::insert_depth`]; `None` if the depth is known. The result is
-    /// the same as where it is searched when it is needed. With the views of the shot held out; what is
-    /// found is compared with the depths that are known of the shot's photos, so that its plan takes less
-    /// time.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`SceneViews::depth_range`].
-    ///
-    /// # Panics
-    ///
-    /// If there is no such view, or it is held out.
-    pub fn depth_search(&mut self, view: usize, shot: &Shot) -> Result<Option<DepthSearch>, SynthesisError> {
-        self.search(view, &shot.held_out, &shot.photos().collect::<Vec<_>>())
-    }
-
-    /// As [`Self::depth_search`], compared with the depths that are known of other views' photos.
-    fn search(
-        &mut self,
-        view: usize,
-        held_out: &[usize],
-        compared: &[usize],
-    ) -> Result<Option<DepthSearch>, SynthesisError> {
-        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
-        if depth.maps.get(view).is_some() {
-            return Ok(None);
-        }
-        let group = depth.with_neighbours(view);
-        let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
-        let all = searched.iter().flatten().copied();
-        let further: BTreeSet<usize> = all.filter(|view| !group.contains(view)).collect();
-        let files = self.files.as_ref();
-        let photo = |&view: &usize| SearchedPhoto {
-            view,
-            texture: self.textures[view].clone(),
-            digest: files.and_then(|files| files.digests[view]),
-        };
-        Ok(Some(DepthSearch {
-            scene: Arc::clone(&self.views.scene),
-            held_out: held_out.to_vec(),
-            photos: group.iter().map(photo).collect(),
-            further: further.iter().map(photo).collect(),
-            searched,
-            range: depth.maps.range(),
-            comparison: depth.maps.comparison(view, compared),
-            small_maps: Arc::clone(&depth.small_maps),
-            folder: files.map(|files| files.folder.clone()),
-        }))
-    }
-
-    /// Takes what a search found, unless other views are held out now.
-    pub fn insert_depth(&mut self, found: FoundDepth) {
-        let held_out = &found.held_out;
-        let Some(depth) = self.depth.as_mut().filter(|depth| depth.maps.held_out == *held_out) else { return };
-        depth.sources[found.view()] = (found.source, found.time);
-        depth.maps.insert_compared(found.view(), found.depth, found.votes);
-        for photo in &found.photos {
-            if let Some(texture) = &photo.texture {
-                self.textures[photo.view].get_or_insert_with(|| Arc::clone(texture));
-            }
-        }
-        if let Some(files) = &mut self.files {
-            for photo in &found.photos {
-                files.digests[photo.view] = files.digests[photo.view].or(photo.digest);
-            }
-            files.notes.extend(found.notes);
-        }
-    }
-
     /// The photos of a shot with their depth. The depth of a photo is searched when it is first
     /// needed, over the depth range of all views that are not held out, and kept.
     ///
@@ -143,12 +69,13 @@ impl ScenePhotos {
 
     /// The depth of a view's photo, and what its neighbours confirm of it. A depth that is known is
     /// not searched again as long as the same views are held out. Photos that none of the `later`
-    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay.
+    /// views needs are dropped, and so are depths, of which [`Self::KEPT_BYTES`] stay. With `nearer_edges`
+    /// it is moved to the nearer side at edges where the neighbours show that: for a surface that is drawn.
     ///
     /// # Errors
     ///
     /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
-    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`].
+    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`]; [`SynthesisError::DepthMemory`].
     ///
     /// # Panics
     ///
@@ -158,13 +85,19 @@ impl ScenePhotos {
         view: usize,
         held_out: &[usize],
         later: &[usize],
+        nearer_edges: bool,
     ) -> Result<ViewDepth, SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let wanted = depth.with_neighbours(view);
         self.find_all(held_out, &wanted)?;
+        let photos = if nearer_edges { self.load_views(&wanted)? } else { Vec::new() };
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
         let (source, time) = depth.sources[view];
-        let (found, confirmed) = depth.maps.confirmed_by_neighbours(view).expect("found just now");
+        let (found, confirmed) = if nearer_edges {
+            depth.maps.nearer_by_others(&photos.iter().map(|photo| (photo.view, photo.source())).collect::<Vec<_>>())
+        } else {
+            depth.maps.confirmed_by_neighbours(view).expect("found just now")
+        };
         let found = ViewDepth { found, confirmed, range: depth.maps.range(), source, time };
         let needed: Vec<usize> = later.iter().flat_map(|&view| depth.with_neighbours(view)).collect();
         let mut spare = self.kept_bytes;
@@ -178,31 +111,6 @@ impl ScenePhotos {
         Ok(found)
     }
 
-    /// As [`Self::view_depth`], moved to the nearer side at edges where the photo's neighbours show that: for a surface that is drawn.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`Self::view_depth`].
-    ///
-    /// # Panics
-    ///
-    /// If there is no such view, or it is held out.
-    pub fn edge_depth(
-        &mut self,
-        view: usize,
-        held_out: &[usize],
-        later: &[usize],
-    ) -> Result<ViewDepth, SynthesisError> {
-        let wanted = with_held_out(&mut self.depth, &self.views, held_out)?.with_neighbours(view);
-        self.find_all(held_out, &wanted)?;
-        let photos = self.load_views(&wanted)?;
-        let photos: Vec<_> = photos.iter().map(|photo| (photo.view, photo.source())).collect();
-        let maps = &mut with_held_out(&mut self.depth, &self.views, held_out)?.maps;
-        let (found, confirmed) = maps.nearer_by_others(&photos);
-        let depth = self.view_depth(view, held_out, later)?;
-        Ok(ViewDepth { found: Arc::new(found), confirmed, ..depth })
-    }
-
     /// Finds the depth of these views' photos where it is unknown.
     fn find_all(&mut self, held_out: &[usize], wanted: &[usize]) -> Result<(), SynthesisError> {
         let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
@@ -212,11 +120,78 @@ impl ScenePhotos {
             if self.progress.as_mut().is_some_and(|progress| progress(next).is_break()) {
                 return Err(SynthesisError::Cancelled);
             }
-            if let Some(search) = self.search(view, held_out, &[])? {
-                self.insert_depth(search.run()?);
-            }
+            self.find(view, held_out)?;
         }
         Ok(())
+    }
+
+    /// Finds the depth of a view's photo: reads it from the folder that keeps depths, or searches it.
+    fn find(&mut self, view: usize, held_out: &[usize]) -> Result<(), SynthesisError> {
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
+        let (group, range) = (depth.with_neighbours(view), depth.maps.range());
+        // The view, then its neighbours, each with its own neighbours.
+        let searched: Vec<Vec<usize>> = group.iter().map(|&view| depth.with_neighbours(view)).collect();
+        // The depth of a photo without neighbours is not worth a file.
+        let is_kept = self.files.is_some() && group.len() > 1;
+        let key = if is_kept { Some(self.key(&searched, range)?) } else { None };
+        let started = Instant::now();
+        if let (Some(files), Some(key)) = (&mut self.files, &key) {
+            match files.folder.load(key) {
+                Ok(Some(found)) => {
+                    let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
+                    depth.insert(view, found, DepthSource::Kept, started);
+                    return Ok(());
+                }
+                Ok(None) => {}
+                Err(damage) => files.notes.push(format!("{damage}: the depth is searched again")),
+            }
+        }
+        memory::check_search(self.views.scene(), &group, range)?;
+        let photos = self.load_views(&group)?;
+        let sources: Vec<SourceView<'_>> = photos.iter().map(LoadedPhoto::source).collect();
+        let depth = with_held_out(&mut self.depth, &self.views, held_out)?;
+        let started = Instant::now();
+        let (found, source) = match sources[..] {
+            // Without neighbours there is nothing to find, and the depth is unknown everywhere.
+            [photo] => (PhotoDisparity::unknown(photo.camera.size()), DepthSource::Alone),
+            _ => {
+                let (scene, textures) = (&self.views.scene, &self.textures);
+                let small = |view: usize, detail| -> Result<_, SynthesisError> {
+                    let photo = LoadedPhoto::read(scene, view, textures[view].as_ref())?;
+                    Ok(SmallPhoto::new(&photo.source(), detail))
+                };
+                let found = anchored_depth_in_scene(&sources, range, &depth.small_maps, &searched, small)?;
+                (found, DepthSource::Searched)
+            }
+        };
+        depth.insert(view, found, source, started);
+        if let (Some(files), Some(key), Some(found)) = (&mut self.files, &key, depth.maps.get(view)) {
+            let stored = files.folder.store(key, found);
+            stored.unwrap_or_else(|error| files.notes.push(format!("{error}: the depth is not kept")));
+        }
+        Ok(())
+    }
+
+    /// What identifies the depth that is searched among these photos, given with their own neighbours.
+    fn key(&mut self, searched: &[Vec<usize>], range: (f64, f64)) -> Result<DepthKey, SynthesisError> {
+        let files = self.files.as_ref().expect("a folder that keeps depths");
+        let all = searched.iter().flatten().copied();
+        let unknown: BTreeSet<usize> = all.filter(|&view| files.digests[view].is_none()).collect();
+        // Of these photos the search needs all pixels, of the others only small copies.
+        let group: Vec<usize> = searched.iter().map(|photos| photos[0]).filter(|view| unknown.contains(view)).collect();
+        self.load_views(&group)?;
+        let digest = |view: usize| {
+            let photo = LoadedPhoto::read(&self.views.scene, view, self.textures[view].as_ref());
+            photo.map(|photo| (view, PhotoDigest::new(&photo.texture)))
+        };
+        let found: Vec<_> = unknown.into_par_iter().map(digest).collect();
+        let digests = &mut self.files.as_mut().expect("as above").digests;
+        for found in found {
+            let (view, digest) = found?;
+            digests[view] = Some(digest);
+        }
+        let photo = |&view: &usize| (&self.views.scene.views[view].camera, digests[view].expect("set above"));
+        Ok(DepthKey::new(&searched.iter().flatten().map(photo).collect::<Vec<_>>(), range))
     }
 }
 
@@ -264,7 +239,7 @@ pub struct DepthProgress<'a> {
 pub(crate) struct SceneDepth {
     pub(crate) maps: DepthMaps,
     /// What searches share.
-    small_maps: Arc<SmallMaps>,
+    small_maps: SmallMaps,
     /// How each depth was found, and in what time.
     sources: Vec<(DepthSource, Duration)>,
 }
@@ -277,7 +252,13 @@ impl SceneDepth {
         let sources = vec![(DepthSource::Alone, Duration::ZERO); cameras.len()];
         let mut maps = DepthMaps::new(cameras, near, far);
         maps.held_out = held_out.to_vec();
-        Ok(Self { maps, small_maps: Arc::default(), sources })
+        Ok(Self { maps, small_maps: SmallMaps::default(), sources })
+    }
+
+    /// Takes the depth of a view's photo.
+    fn insert(&mut self, view: usize, depth: PhotoDisparity, source: DepthSource, started: Instant) {
+        self.sources[view] = (source, started.elapsed());
+        self.maps.insert(view, depth);
     }
 
     /// A view and those whose photos its own is matched with, nearest first.

@@ -218,7 +218,7 @@ mod tests {
             let mut most = 0;
             for view in 0..9 {
                 let later: Vec<usize> = (view + 1..9).collect();
-                synthesizer.photos_mut().view_depth(view, &[], &later).unwrap();
+                synthesizer.photos_mut().view_depth(view, &[], &later, false).unwrap();
                 most = most.max(held(&mut synthesizer)[1]);
             }
             assert_eq!(held(&mut synthesizer), expected);

@@ -23,9 +23,6 @@ pub struct Synthesizer {
     /// Which differences between photos are corrected, for surface layers and for planes. With
     /// [`PhotoCorrection::NONE`] planes do without the photos' depth, and lie from near to far.
     pub photo_correction: PhotoCorrection,
-    /// Whether the holes of surfaces, where they are more than 5 %, are searched at the target. Pictures in
-    /// motion may do without.
-    pub searches_holes: bool,
     run_end: Option<RunEnd>,
 }
 
@@ -49,8 +46,9 @@ impl Synthesizer {
     pub fn with_scene(scene: Scene, options: &Options) -> Result<Self, SynthesisError> {
         let mut photos = ScenePhotos::new(SceneViews::new(scene, options.near, options.far));
         options.cache.iter().try_for_each(|folder| photos.keep_depths_in(folder))?;
-        let OpenedRenderer { renderer, layers, run_end } = options.model.open_renderer(options.layers.as_ref())?;
+        let OpenedRenderer { renderer, layers, model } = options.model.open_renderer(options.layers.as_ref())?;
         let photo_correction = options.photo_correction;
+        let run_end = model.map(|model| model.run_end);
         Ok(Self { photo_correction, run_end, ..Self::new(photos, renderer, layers) })
     }
 
@@ -58,14 +56,7 @@ impl Synthesizer {
     /// `photos` are the [`SceneViews`] of a scene, or [`ScenePhotos`] that settings were changed
     /// of.
     pub fn new(photos: impl Into<ScenePhotos>, renderer: Renderer, layers: LayerSpec) -> Self {
-        Self {
-            photos: photos.into(),
-            renderer,
-            layers,
-            photo_correction: PhotoCorrection::default(),
-            searches_holes: true,
-            run_end: None,
-        }
+        Self { photos: photos.into(), renderer, layers, photo_correction: PhotoCorrection::default(), run_end: None }
     }
 
     /// The scene.
@@ -96,11 +87,6 @@ impl Synthesizer {
     /// Ends the runs of the model that [`Self::open`] opened from another thread; `None` without one.
     pub fn run_end(&self) -> Option<RunEnd> {
         self.run_end.clone()
-    }
-
-    /// Sets which layers it renders on; photos and their depth stay in memory.
-    pub fn set_layers(&mut self, layers: LayerSpec) {
-        self.layers = layers;
     }
 
     /// Which layers it renders on.
@@ -193,7 +179,6 @@ impl Synthesizer {
             sources: &shot.sources(),
             is_followed: false,
             photo_correction: self.photo_correction,
-            searches_holes: self.searches_holes,
         };
         let mut plan = find_layers::<SynthesisError>(
             &self.layers,
@@ -240,7 +225,7 @@ impl Synthesizer {
         if !shot.shot().refines_range {
             return Ok((photo_corrections(maps, &photos, rendered_from, target, correction), range));
         }
-        let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction, self.searches_holes);
+        let surface = TargetSurface::find(maps, &photos, rendered_from, target, correction);
         let seen = surface.seen_range(range);
         Ok((surface.corrections, seen))
     }

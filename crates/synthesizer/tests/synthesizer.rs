@@ -168,7 +168,7 @@ fn cached_depth_gives_the_same_pictures() {
     let views: Vec<usize> = (0..workshop().views.len()).filter(|&view| view != source).collect();
     let mut sources = Vec::new();
     for (index, &view) in views.iter().enumerate() {
-        sources.push(photos.view_depth(view, &[source], &views[index + 1..]).unwrap().source);
+        sources.push(photos.view_depth(view, &[source], &views[index + 1..], false).unwrap().source);
     }
     assert_eq!(sources.iter().filter(|&&source| source == DepthSource::Kept).count(), 6);
     // With another view held out, each photo has other neighbours or another depth range.

@@ -48,7 +48,7 @@ pub fn bake(
     let mut depths: Vec<Option<DepthCode>> = (0..count).map(|_| None).collect();
     let mut range = (0.0, f64::INFINITY);
     for (index, &view) in free.iter().enumerate() {
-        let depth = photos.edge_depth(view, held_out, &free[index + 1..])?;
+        let depth = photos.view_depth(view, held_out, &free[index + 1..], true)?;
         range = depth.range;
         depths[view] = Some(DepthCode::new(&depth, QUALITIES[0].1));
         found(index + 1)?;

@@ -1,2 +1,1 @@
-"""Other implementations of the pipeline, which `liveview sweep --reference` compares with
-the Rust crate."""
+"""Other implementations of the pipeline, which are compared with the Rust crate."""

@@ -34,17 +34,17 @@ from ..reference.liveview import (
     view_distances,
     with_coverage,
 )
-from ..rig_arrays import cameras_of, images_of
+from ..rig_arrays import Arrays, cameras_of, images_of
 
 NAMES = ("reference", "torch", "torch channels_last", "onnxruntime + kornia")
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to render, by which competitor (one of NAMES). `path`: arrays as in rig_arrays.py, and
+    """What to render, by which competitor (one of NAMES). `data`: arrays as in rig_arrays.py, and
     `disparities` of planes. `weights` None: those of the model."""
 
-    path: Path
+    data: Arrays
     model: Path
     weights: Path | None
     competitor: str
@@ -55,31 +55,6 @@ class Job:
     def network(self) -> Path:
         """The file of the network."""
         return self.weights or self.model
-
-    @classmethod
-    def of(cls, message: dict) -> "Job":
-        """The job in a request to worker.py."""
-        weights = message.get("weights")
-        job = cls(
-            Path(message["job"]),
-            Path(message["model"]),
-            Path(weights) if weights else None,
-            message["engine"],
-            int(message.get("threads", 2)),
-            int(message.get("batch", 1)),
-        )
-        if job.competitor not in NAMES:
-            raise ValueError(f"no competitor {job.competitor!r}; expected one of {', '.join(NAMES)}")
-        if job.threads < 1 or job.batch < 1:
-            raise ValueError(f"threads {job.threads}, batch {job.batch}: expected at least 1")
-        return job
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        with np.load(self.path) as arrays:
-            data = dict(arrays)
-        if "disparities" not in data or not len(data["disparities"]):
-            raise ValueError(f"{self.path}: disparities: expected at least one plane")
-        return data
 
 
 class Stopwatch:
@@ -163,11 +138,10 @@ class TorchPipeline:
     """Warp by grid_warp or kornia_warp, any network, blend and composite in torch."""
 
     def __init__(self, job: Job, title: str, warp: Callable[..., PlaneWarp], network: Network):
-        data = job.arrays()
         self.title, self.warp, self.network = title, warp, network
-        self.cameras, self.target = cameras_of(data)
-        self.images = [with_coverage(image) for image in images_of(data, torch.float32)]
-        self.disparities = torch.from_numpy(data["disparities"])
+        self.cameras, self.target = cameras_of(job.data)
+        self.images = [with_coverage(image) for image in images_of(job.data, torch.float32)]
+        self.disparities = torch.from_numpy(job.data["disparities"])
         self.batches = batches(len(self.disparities), job.batch)
 
     @torch.inference_mode()
@@ -202,11 +176,10 @@ class ReferencePipeline:
     title = f"PyTorch {torch.__version__} reference"
 
     def __init__(self, job: Job):
-        data = job.arrays()
         self.network = load_network(job.network)
-        self.cameras, self.target = cameras_of(data)
-        self.images = images_of(data, torch.float32)
-        self.disparities = torch.from_numpy(data["disparities"])
+        self.cameras, self.target = cameras_of(job.data)
+        self.images = images_of(job.data, torch.float32)
+        self.disparities = torch.from_numpy(job.data["disparities"])
 
     @torch.inference_mode()
     def render(self) -> tuple[np.ndarray, dict[str, float]]:

@@ -19,6 +19,7 @@ from ..paths import ROOT
 from ..reference.competing import best_layer, composite_competing
 from ..reference.liveview import (
     Camera,
+    Composited,
     PlaneSweep,
     blend,
     composite,
@@ -71,6 +72,17 @@ def numbers(values: Tensor | np.ndarray) -> list[float] | list[int]:
     if np.issubdtype(flat.dtype, np.floating):
         return [float(str(value)) for value in flat.astype(np.float32)]
     return flat.astype(int).tolist()
+
+
+def numbered(**arrays: Tensor | np.ndarray) -> dict[str, list[float] | list[int]]:
+    """The numbers of each array."""
+    return {name: numbers(values) for name, values in arrays.items()}
+
+
+def expected(found: Composited, best: Tensor) -> dict[str, list[float] | list[int]]:
+    """What a composite gives, and the best layer of each pixel."""
+    values = {"rgb": found.rgb, "disparity": found.disparity, "transmittance": found.transmittance, "best": best}
+    return numbered(**{f"expected_{name}": value for name, value in values.items()})
 
 
 def exact(values: Tensor) -> list[float]:
@@ -177,15 +189,9 @@ def warp_case(rng: np.random.Generator, name: str, source: Camera, target: Camer
         behind = torch.tensordot(homography[2], pixel_centres(*coverage.shape[1:]), 1) <= 0
         ghost = kornia_samples(colours(picture), source, target, disparities[0], tuple(coverage.shape[1:]))
         assert bool((ghost[3] * behind).any()), "a mirrored photo shows where points behind the camera are not masked"
-    return {
-        "name": name,
-        "source": camera_entry(source),
-        "target": camera_entry(target),
-        "disparities": disparities,
-        "photo": numbers(picture),
-        "colour": numbers(colour),
-        "coverage": numbers(coverage),
-    }
+    cameras = {"source": camera_entry(source), "target": camera_entry(target)}
+    arrays = numbered(photo=picture, colour=colour, coverage=coverage)
+    return {"name": name, **cameras, "disparities": disparities, **arrays}
 
 
 def blend_cases(rng: np.random.Generator) -> list[dict]:
@@ -210,15 +216,8 @@ def blend_case(
     colour = np.round(rng.uniform(0, 1, (len(logits), 3, logits.shape[1])) * coverage[:, None], 2)
     as_row = (inputs(logits)[None, :, None], inputs(colour)[None, :, :, None], inputs(coverage)[None, :, None])
     alpha, rgb = blend(*as_row, torch.tensor(distances, dtype=torch.float64))
-    return {
-        "name": name,
-        "distances": distances,
-        "logits": numbers(logits),
-        "colour": numbers(colour),
-        "coverage": numbers(coverage),
-        "alpha": numbers(alpha),
-        "rgb": numbers(rgb),
-    }
+    arrays = numbered(logits=logits, colour=colour, coverage=coverage, alpha=alpha, rgb=rgb)
+    return {"name": name, "distances": distances, **arrays}
 
 
 def layers_of(rng: np.random.Generator, planes: int, pixels: int) -> tuple[Tensor, Tensor]:
@@ -238,19 +237,8 @@ def composite_cases(rng: np.random.Generator) -> list[dict]:
         opaque = inputs(alpha)[:, None]
         found = composite(opaque, rgb, torch.from_numpy(covered), disparities[:, None, None])
         best = torch.where(opaque.amax(0) > 0, opaque.argmax(0), -1)
-        cases.append(
-            {
-                "name": name,
-                "disparities": numbers(disparities),
-                "alpha": numbers(alpha),
-                "rgb": numbers(rgb),
-                "last_covered": numbers(covered),
-                "expected_rgb": numbers(found.rgb),
-                "expected_disparity": numbers(found.disparity),
-                "expected_transmittance": numbers(found.transmittance),
-                "expected_best": numbers(best),
-            }
-        )
+        given = numbered(disparities=disparities, alpha=alpha, rgb=rgb, last_covered=covered)
+        cases.append({"name": name, **given, **expected(found, best)})
     return cases
 
 
@@ -270,20 +258,8 @@ def competing_cases(rng: np.random.Generator) -> list[dict]:
         covered[:, :, :2] = False
         logit = inputs(logits)[:, None]
         found = composite_competing(logit, rgb, covered, disparities[:, None, None], scale)
-        cases.append(
-            {
-                "name": name,
-                "scale": scale,
-                "disparities": numbers(disparities),
-                "logits": numbers(logits),
-                "rgb": numbers(rgb),
-                "covered": numbers(covered),
-                "expected_rgb": numbers(found.rgb),
-                "expected_disparity": numbers(found.disparity),
-                "expected_transmittance": numbers(found.transmittance),
-                "expected_best": numbers(best_layer(logit, covered)),
-            }
-        )
+        given = numbered(disparities=disparities, logits=logits, rgb=rgb, covered=covered)
+        cases.append({"name": name, "scale": scale, **given, **expected(found, best_layer(logit, covered))})
     return cases
 
 
@@ -348,10 +324,7 @@ def render_cases(_rng: np.random.Generator) -> list[dict]:
             "photos": [numbers(picture) for picture in pictures],
             "disparities": exact(disparities),
             "largest_logit": float(stages.logits.abs().max()),
-            "rgb": numbers(found.rgb),
-            "disparity": numbers(found.disparity),
-            "transmittance": numbers(found.transmittance),
-            "best": numbers(best),
+            **numbered(rgb=found.rgb, disparity=found.disparity, transmittance=found.transmittance, best=best),
         }
     ]
 

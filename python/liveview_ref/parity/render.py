@@ -218,8 +218,8 @@ def weights(model: Path, net: UNet) -> Iterator[Compared]:
 
 
 def report(name: Path, rendered: Rendered, reduced: Rendered | None, both_ways: bool) -> str | None:
-    """Prints the table; returns the first stage that departs. `both_ways`: a stage whose decisions are all
-    the same departs, too."""
+    """Prints the table; returns the first stage that departs. `both_ways`: a stage whose decisions
+    are all the same departs, too."""
     data, about = rendered.data, rendered.about
     if logits_entry(about) not in TOLERANCES:
         raise ValueError(f"parity/tolerances.json: no bound for {logits_entry(about)}")

@@ -1,5 +1,5 @@
 """The stages of surface layers: what Rust makes of the output of the stage before, beside the
-reference. The search of a photo's depth, the surface at the target, and what is inside it.
+reference. The search of a photo's depth, and the surface at the target.
 
 A view is a photo [3, h, w] float32 with its camera, a span the nearest and farthest depth.
 """
@@ -13,7 +13,6 @@ from torch import Tensor
 
 from ..extension import liveview
 from ..reference.guided import median3, shrink
-from ..reference.layers import warp_maps
 from ..reference.liveview import Camera, padded_size, view_distances
 from ..reference.surface.aggregate import aggregate
 from ..reference.surface.anchored_depth import GROUP_PIXELS, LARGER_CELL, SMALL_CELL, Group, confirmed_by
@@ -31,19 +30,12 @@ from ..reference.surface.photo_depth import (
     planes_of,
 )
 from ..reference.surface.photo_sweep import Candidates, Grid, costs, has_many_planes, tile_ranges
-from ..reference.surface.render import hide, warp_seen
+from ..reference.surface.render import warp_seen
 from ..reference.surface.target_surface import (
     OCCLUSION_MARGIN,
-    SEARCHED_VIEWS,
     Surface,
-    cheapest,
     fill_holes,
-    photo_variance,
-    search_planes,
-    seen,
-    seen_or_past,
     surface,
-    target_costs,
 )
 from ..reference.views import widest_parallax
 from ..rig_arrays import Arrays
@@ -53,7 +45,6 @@ inner = liveview._stages
 View = tuple[Tensor, Camera]
 Span = tuple[float, float]
 SURFACE = "surface {}"  # entry of the tolerance file
-OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # px by which the surface is moved
 
 
 class CellSearch:
@@ -291,42 +282,3 @@ def at_target(views: list[View], target: Camera, span: Span, data: Arrays) -> Ge
     names, arguments = ("colour", "coverage"), (photos[:count], data["sharpening"], data["maps"])
     yield from rows(names, (data[name] for name in names), warped, *arguments, entry="surface hidden_{}")
     return photos, fused
-
-
-def inside_target(photos: list[SurfaceView], target: Camera, span: Span, fused: np.ndarray) -> Iterator[Compared]:
-    """What is inside the surface at the target and the warp, on the filled surface."""
-    pixel = inner.pixel_of(photos, target, *span)
-    margin, filled = OCCLUSION_MARGIN * pixel, liveview.fill_holes(fused)
-    each = [(photo.camera, photo.confirmed.disparity, target, filled, margin) for photo in photos]
-    sees = np.stack([liveview.visible_or_past(*of_view) for of_view in each])
-    yield row("visible", sees, seen_or_past, photos, target, filled, margin, entry=SURFACE)
-    plain = np.stack([liveview.visible(*of_view) for of_view in each])
-    yield row("visible", plain, seen, photos, target, filled, margin, entry=SURFACE)
-
-    def variance(photos: list[SurfaceView], sees: Tensor, map_: Tensor) -> Tensor:
-        return photo_variance([(photo.image, photo.camera, photo.gains) for photo in photos], sees, target, map_)
-
-    for offset in OFFSETS:
-        map_ = np.maximum(filled + np.float32(offset * pixel), np.float32(0))
-        found = inner.photo_variance(photos, sees, target, map_)
-        yield row("photo_variance", found, variance, photos, sees, map_, entry=SURFACE)
-    searching = photos[:SEARCHED_VIEWS]
-    volume, found = inner.target_search(searching, target, fused, *span)
-    pixel = pixel_of(widest_parallax([p.camera for p in searching], target, *span, fused.shape), *span)
-
-    def searched(searching: list[SurfaceView], fused: Tensor) -> tuple[Tensor, Tensor]:
-        planes = search_planes(searching, target, fused, *span)
-        volume = target_costs(searching, target, fused, planes, OCCLUSION_MARGIN * pixel)
-        return volume, cheapest(volume, planes)
-
-    yield from rows(("target_costs", "searched"), (volume, found), searched, searching, fused, entry=SURFACE)
-
-    def balanced(photos: list[SurfaceView], map_: Tensor) -> tuple[Tensor, ...]:
-        both = [warp_maps(photo.image, photo.camera, target, map_[None]) for photo in photos]
-        found = hide(seen(photos, target, map_, margin), *(torch.cat(part) for part in zip(*both, strict=True)))
-        return found[0] * torch.stack([photo.gains for photo in photos])[:, :, None, None], *found[1:]
-
-    names = "hidden_colour", "hidden_coverage", "seen"
-    colour, coverage, any_ = inner.hide(photos, target, filled, margin)
-    found = colour.reshape(-1, 3, *filled.shape), coverage, any_
-    yield from rows(names, found, balanced, photos, filled, entry=SURFACE)

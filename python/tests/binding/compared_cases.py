@@ -7,22 +7,37 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 from toy_rigs import rig, surface_rig
 
 from liveview_ref.extension import in_memory, liveview
-from liveview_ref.parity import stages, surface
+from liveview_ref.parity import compared, stages, surface
 from liveview_ref.parity.compared import Compared, in_dtype, joined, row
 from liveview_ref.parity.render import Rendered
 from liveview_ref.reference.competing import composite_competing
-from liveview_ref.reference.layers import warp_views
-from liveview_ref.reference.liveview import UNet, blend, composite, uniform_disparities, view_distances
+from liveview_ref.reference.layers import warp_maps, warp_views
+from liveview_ref.reference.liveview import Camera, UNet, blend, composite, uniform_disparities, view_distances
 from liveview_ref.reference.surface.depth_range import range_of
-from liveview_ref.reference.surface.photo_depth import CELL, PhotoDisparity, planes_of
+from liveview_ref.reference.surface.fusion import SurfaceView
+from liveview_ref.reference.surface.photo_depth import CELL, PhotoDisparity, pixel_of, planes_of
 from liveview_ref.reference.surface.photo_sweep import Grid
+from liveview_ref.reference.surface.render import hide
+from liveview_ref.reference.surface.target_surface import (
+    OCCLUSION_MARGIN,
+    SEARCHED_VIEWS,
+    cheapest,
+    photo_variance,
+    search_planes,
+    seen,
+    seen_or_past,
+    target_costs,
+)
+from liveview_ref.reference.views import widest_parallax
 from liveview_ref.rig_arrays import Arrays, cameras_of, images_of
 from liveview_ref.weights import start_from_agreement
 
 NEAR, FAR = 1.0, 8.0
+OFFSETS = 1.5, 1.0, 0.5, 0.0, -0.5, -1.0, -1.5  # px by which the surface is moved
 
 
 def evenly(count: int, near: float = NEAR, far: float = FAR) -> list[float]:
@@ -151,7 +166,50 @@ def surface_stages(case: Rendered) -> Iterator[Compared]:
     found = np.float32([1 / end for end in liveview._stages.depth_range(sure, span) or (-1, -1)])
     yield row("found_range", found, ends, sure, span, entry=surface.SURFACE)
     photos, fused = yield from surface.at_target(views, target, span, case.data)
-    yield from surface.inside_target(photos, target, span, fused)
+    yield from inside_target(photos, target, span, fused)
+
+
+def inside_target(
+    photos: list[SurfaceView], target: Camera, span: surface.Span, fused: np.ndarray
+) -> Iterator[Compared]:
+    """What is inside the surface at the target and the warp, on the filled surface."""
+    pixel = liveview._stages.pixel_of(photos, target, *span)
+    margin, filled = OCCLUSION_MARGIN * pixel, liveview.fill_holes(fused)
+    each = [(photo.camera, photo.confirmed.disparity, target, filled, margin) for photo in photos]
+    sees = np.stack([liveview.visible_or_past(*of_view) for of_view in each])
+    yield row("visible", sees, seen_or_past, photos, target, filled, margin, entry=surface.SURFACE)
+    plain = np.stack([liveview.visible(*of_view) for of_view in each])
+    yield row("visible", plain, seen, photos, target, filled, margin, entry=surface.SURFACE)
+
+    def variance(photos: list[SurfaceView], sees: Tensor, map_: Tensor) -> Tensor:
+        return photo_variance([(photo.image, photo.camera, photo.gains) for photo in photos], sees, target, map_)
+
+    for offset in OFFSETS:
+        map_ = np.maximum(filled + np.float32(offset * pixel), np.float32(0))
+        found = liveview._stages.photo_variance(photos, sees, target, map_)
+        yield row("photo_variance", found, variance, photos, sees, map_, entry=surface.SURFACE)
+    searching = photos[:SEARCHED_VIEWS]
+    volume, found = liveview._stages.target_search(searching, target, fused, *span)
+    pixel = pixel_of(widest_parallax([p.camera for p in searching], target, *span, fused.shape), *span)
+
+    def searched(searching: list[SurfaceView], fused: Tensor) -> tuple[Tensor, Tensor]:
+        planes = search_planes(searching, target, fused, *span)
+        volume = target_costs(searching, target, fused, planes, OCCLUSION_MARGIN * pixel)
+        return volume, cheapest(volume, planes)
+
+    yield from compared.rows(
+        ("target_costs", "searched"), (volume, found), searched, searching, fused, entry=surface.SURFACE
+    )
+
+    def balanced(photos: list[SurfaceView], map_: Tensor) -> tuple[Tensor, ...]:
+        both = [warp_maps(photo.image, photo.camera, target, map_[None]) for photo in photos]
+        found = hide(seen(photos, target, map_, margin), *(torch.cat(part) for part in zip(*both, strict=True)))
+        return found[0] * torch.stack([photo.gains for photo in photos])[:, :, None, None], *found[1:]
+
+    names = "hidden_colour", "hidden_coverage", "seen"
+    colour, coverage, any_ = liveview._stages.hide(photos, target, filled, margin)
+    found = colour.reshape(-1, 3, *filled.shape), coverage, any_
+    yield from compared.rows(names, found, balanced, photos, filled, entry=surface.SURFACE)
 
 
 def surface_rows(case: Rendered) -> Iterator[Compared]:

@@ -1,11 +1,9 @@
-"""Every competitor, through the protocol of its worker, against the float64 reference."""
+"""Every competitor against the float64 reference, and the rows that they add to a report."""
 
-import io
 import json
-import os
-import subprocess
-import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +11,8 @@ import torch
 from toy_rigs import rig
 
 from liveview_ref.checkpoint import load_network
-from liveview_ref.competitors import pipelines, worker
+from liveview_ref.competitors import __main__ as report
+from liveview_ref.competitors import pipelines
 from liveview_ref.export import export
 from liveview_ref.reference.layers import source_coordinates
 from liveview_ref.reference.liveview import PlaneSweep, UNet, render
@@ -80,15 +79,6 @@ def clear_of_edges(data: Arrays) -> np.ndarray:
     return clear.numpy()
 
 
-def drive(requests: list[dict | str]) -> tuple[int, list[dict], str]:
-    """(exit code, replies, notes) of a worker that reads these lines."""
-    lines = "".join((r if isinstance(r, str) else json.dumps(r)) + "\n" for r in requests)
-    command = [sys.executable, "-m", "liveview_ref.competitors.worker"]
-    where = {"cwd": Path(__file__).parents[2], "env": os.environ | {"PYTHONPATH": "."}}
-    done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=300, **where)
-    return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
-
-
 def differs(found: np.ndarray, data: Arrays, weights: Path) -> bool:
     """Whether the errors of a frame exceed the bounds."""
     clear = clear_of_edges(data)
@@ -97,37 +87,34 @@ def differs(found: np.ndarray, data: Arrays, weights: Path) -> bool:
     return not (difference.max() < MOST_ERROR and difference.mean() < MOST_MEAN_ERROR)
 
 
-def job_of(data: Arrays, models: Path, views: int, name: str, folder: Path) -> dict:
-    """The first line to a worker."""
-    np.savez(folder / "job.npz", **data)
-    model = {"model": str(models / f"v{views}.onnx"), "weights": str(models / f"v{views}.pt")}
-    return {"job": str(folder / "job.npz"), **model, "engine": name, "threads": 2, "batch": BATCH}
+def job_of(data: Arrays, models: Path, name: str, batch: int = BATCH) -> pipelines.Job:
+    """A competitor's job, with the model for its number of photos."""
+    views = len(cameras_of(data)[0])
+    return pipelines.Job(data, models / f"v{views}.onnx", models / f"v{views}.pt", name, 2, batch)
 
 
 @pytest.mark.parametrize("name", pipelines.NAMES)
-def test_competitor_follows_the_protocol(name, models, tmp_path):
-    data = arrays_of("random")
-    request = job_of(data, models, 4, name, tmp_path)
-    runs = [{"run": True}, {"run": True, "frame": str(tmp_path / "frame.npy")}, {"quit": True}]
-    code, (ready, *timed), notes = drive([request, *runs])
-    assert code == 0 and ready["ready"] and len(timed) == 2, notes
-    assert ("ONNX Runtime" if name == "onnxruntime + kornia" else "PyTorch") in ready["engine"]
-    for reply in timed:
-        parts = ["total"] if name == "reference" else ["warp", "network", "composite"]
-        assert list(reply["seconds"]) == parts and min(reply["seconds"].values()) > 0
-        assert 2**24 < reply["peak_memory_bytes"] < 2**34
-    frame = np.load(tmp_path / "frame.npy")
-    assert frame.shape == (38, 53, 3) and frame.dtype == np.float32
-    assert not differs(frame, data, models / "v4.pt")
+def test_competitor_is_measured(name, models):
+    row = report.measured(job_of(arrays_of("random"), models, name), 2)
+    assert row["layers"] == "planes:3" and row["reference"]
+    assert ("ONNX Runtime" if name == "onnxruntime + kornia" else "PyTorch") in row["engine"]
+    seconds = row["seconds"]
+    assert len(seconds["all"]) == 2 and 0 < seconds["min"] <= seconds["median"] <= seconds["max"]
+    assert 2**24 < row["peak_memory_bytes"] < 2**34
 
 
 @pytest.mark.parametrize("name", pipelines.NAMES)
-@pytest.mark.parametrize("case", [case for case in CASES if case != "random"])
-def test_competitor_renders_like_the_reference(case, name, models, tmp_path):
-    data, views = arrays_of(case), CASES[case][0]
-    competitor = pipelines.start(pipelines.Job.of(job_of(data, models, views, name, tmp_path)))
+@pytest.mark.parametrize("case", CASES)
+def test_competitor_renders_like_the_reference(case, name, models):
+    data = arrays_of(case)
+    job = job_of(data, models, name)
+    competitor = pipelines.start(job)
+    parts = ["total"] if name == "reference" else ["warp", "network", "composite"]
     for _ in range(2):  # the second render does not depend on the first
-        assert not differs(competitor.render()[0], data, models / f"v{views}.pt")
+        frame, seconds = competitor.render()
+        assert frame.shape == (38, 53, 3) and frame.dtype == np.float32
+        assert not differs(frame, data, job.weights)
+        assert list(seconds) == parts and min(seconds.values()) > 0
 
 
 @pytest.mark.parametrize("change", ["half a pixel", "planes reversed", "a view's distance", "no background"])
@@ -146,27 +133,24 @@ def test_small_mistakes_exceed_the_bounds(change, models):
     assert not differs(reference(data, weights).astype(np.float32), data, weights)
 
 
-def test_worker_without_weights_takes_the_model(models, tmp_path):
+def test_network_without_a_checkpoint_is_the_model(models):
     data = arrays_of("pair")
-    frame = tmp_path / "frame.npy"
-    request = job_of(data, models, 2, "torch", tmp_path) | {"weights": None, "batch": 1, "threads": 1}
-    code, _, notes = drive([request, {"run": True, "frame": str(frame)}])  # end of input: quits
-    assert code == 0, notes
-    assert not differs(np.load(frame), data, models / "v2.pt")
+    job = replace(job_of(data, models, "torch", batch=1), weights=None)
+    assert not differs(pipelines.start(job).render()[0], data, models / "v2.pt")
 
 
-def test_failures_are_reported(models, tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "environ", os.environ.copy())
-    request = job_of(arrays_of("pair"), models, 2, "torch", tmp_path)
-    for changes, message in [
-        ({"engine": "jax"}, "no competitor 'jax'"),
-        ({"job": str(tmp_path / "none.npz")}, "none.npz"),
-        ({"batch": 0}, "at least 1"),
-    ]:
-        with pytest.raises((ValueError, OSError), match=message):
-            worker.serve(io.StringIO(json.dumps(request | changes) + "\n"), io.StringIO())
-    code, (ready, error), _ = drive([request, {"walk": True}])
-    assert code == 2 and ready["ready"] and "expected run or quit" in error["error"]
-    code, (error,), _ = drive(["not json"])
-    assert code == 2 and "JSONDecodeError" in error["error"]
-    assert drive([]) == (0, [], "")
+def test_rows_are_added_to_a_report(models, tmp_path, monkeypatch):
+    data = arrays_of("random")
+    monkeypatch.setattr(report, "rig_of", lambda found: data)
+    monkeypatch.setattr(report, "os", SimpleNamespace(environ={}))
+    own = {"layers": "planes:3", "engine": "ort", "seconds": {"all": [0.5, 0.6]}}
+    path, text = tmp_path / "sweep.json", tmp_path / "sweep.md"
+    path.write_text(json.dumps({"threads": 2, "batch": BATCH, "rows": [own]}))
+    text.write_text("# Report\n")
+    for _ in range(2):  # the second run replaces the rows of the first
+        report.main([str(path), "--model", str(models / "v4.onnx")])
+        first, *added = json.loads(path.read_text())["rows"]
+        assert first == own and [len(row["seconds"]["all"]) for row in added] == [2] * len(pipelines.NAMES)
+        assert len({row["engine"] for row in added}) == len(pipelines.NAMES)
+        lines = text.read_text().splitlines()
+        assert lines[0] == "# Report" and sum(line.startswith("| planes:3 |") for line in lines) == len(added)

@@ -7,7 +7,6 @@ use glam::{DMat3, DVec2, DVec3};
 use liveview::Camera;
 use liveview::geometry::{PlaneSweep, distance, facing_alike, middle_camera};
 use liveview::layers::uniform_disparities;
-use liveview_bench::quantile;
 use liveview_scene::View;
 use liveview_scene::cameras::MeanPose;
 use liveview_surface::parallax::{coverage, grid, parallax};
@@ -17,6 +16,7 @@ use serde_json::{Value, json};
 
 use super::InspectArgs;
 use crate::args::SceneArgs;
+use crate::commands::sweep::quantile;
 use crate::console::{Output, advice, escaped, full_text, path_text};
 
 /// Parallax between neighbouring planes above which they are visible as steps, in pixels.
@@ -268,7 +268,7 @@ fn agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, 
 fn exposure_gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
     let View { name, camera, .. } = &scene_views.scene().views[target];
     let chosen = scene_views.choose(name, camera, &[target], views, &[])?;
-    let surface = agreement::surface_of_view(scene_views, target, views)?;
+    let (surface, _) = agreement::of_view(scene_views, target, views)?;
     let gains = surface.map_or_else(Vec::new, |surface| surface.corrections.iter().map(|view| view.gains).collect());
     let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
     let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);

@@ -10,7 +10,6 @@ use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
 use liveview::{Camera, Frame, ImageRgb};
-use liveview_bench::quantile;
 use liveview_scene::save_picture;
 use liveview_surface::guided::RangeMap;
 use liveview_surface::parallax::parallax;
@@ -20,6 +19,7 @@ use ndarray::{Array2, Axis, s};
 use serde_json::{Value, json};
 
 use crate::args::expect_png;
+use crate::commands::sweep::quantile;
 use crate::console::{Output, path_text};
 use crate::job::{Job, Times};
 use crate::outputs::OutputPlan;

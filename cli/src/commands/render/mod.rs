@@ -26,7 +26,7 @@ use outputs::{OutputArgs, Outputs, disparity_max};
 use summary::Rendered;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
-    let mut outputs = Outputs::new(&args.output, args.targets.have_truth(), args.frames.clone())?;
+    let mut outputs = Outputs::new(&args.output, args.targets.have_truth())?;
     summary::check_scores(args.scores.as_deref(), args.targets.have_truth())?;
     let photos = args.scene.open()?;
     print_notes(&photos.scene().notes);
@@ -54,7 +54,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     args.scores.iter().try_for_each(|file| output_plan.file("--scores", file))?;
     args.explain.iter().try_for_each(|file| explain::plan_output(file, pictures.len(), &mut output_plan))?;
     output_plan.prepare()?;
-    outputs.begin(&shots, || record::fields(&job, &all, &args.targets, &args.layers))?;
+    outputs.begin(&shots, |quality| record::job_digest(&job, &all, &args.layers, quality))?;
     let wanted = shots.len();
     job.show_progress(wanted)?;
     // If there is only one picture, Ctrl-C ends the program at once.
@@ -235,8 +235,7 @@ pub(crate) struct RenderArgs {
     model: ModelArgs,
     /// Render only the frames A up to but without B of the path, counted from 0: the share of one machine
     ///
-    /// They are the same as in the whole path, and have the same names. Into a folder, they are
-    /// recorded in liveview_A_B.json, so that several runs can write to one folder.
+    /// They are the same as in the whole path, and have the same names: several runs can write to one folder.
     #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
     frames: Option<FrameRange>,

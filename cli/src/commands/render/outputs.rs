@@ -15,9 +15,9 @@ use liveview_synthesizer::Shot;
 use liveview_synthesizer::colormap::{coloured, difference, side_by_side};
 use serde_json::json;
 
-use super::record::{self, Fields, Record};
+use super::record::{self, Record};
 use super::summary::Rendered;
-use crate::args::numbers::{FrameRange, frame_rate};
+use crate::args::numbers::frame_rate;
 use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
 use crate::outputs::{OutputPlan, note_other_pictures};
@@ -50,8 +50,7 @@ pub(super) struct OutputArgs {
     fps: FrameRate,
     /// Continue an interrupted run into the same folder
     ///
-    /// Pictures that its liveview.json lists and that are unchanged are kept. An error if that file
-    /// is of another job.
+    /// Pictures that its liveview.jsonl lists as finished by the same job, and that are unchanged, are kept.
     #[arg(long, requires = "output", conflicts_with = "explain")]
     resume: bool,
 }
@@ -62,8 +61,6 @@ const COMPARISON: [Variant; 1] = [("", None)];
 /// All output files.
 pub(super) struct Outputs {
     pictures: Option<OutputPath>,
-    /// The share of the path to render.
-    frames: Option<FrameRange>,
     video: Option<Encoder>,
     depth: Option<OutputPath>,
     compare: Option<OutputPath>,
@@ -75,7 +72,7 @@ pub(super) struct Outputs {
 
 impl Outputs {
     /// Checks the options, before anything is opened.
-    pub(super) fn new(args: &OutputArgs, have_truth: bool, frames: Option<FrameRange>) -> Result<Self> {
+    pub(super) fn new(args: &OutputArgs, have_truth: bool) -> Result<Self> {
         let video = args.output.as_deref().filter(|path| is_video(path));
         if let (Some(path), false) = (&args.compare, have_truth) {
             bail!("--compare {}: there is no photo to compare with; expected --target or --heldout", path.display());
@@ -97,7 +94,6 @@ impl Outputs {
         let (depth, compare) = (parse("--depth", &args.depth, &["png"])?, parse("--compare", &args.compare, &["png"])?);
         Ok(Self {
             pictures,
-            frames,
             video: video.map(|path| Encoder::new(path, args.fps, print_note)).transpose()?,
             depth,
             compare,
@@ -133,7 +129,7 @@ impl Outputs {
             }
         }
         if let Some(OutputPath::Folder(folder)) = &self.pictures {
-            let record = folder.join(record::name(self.frames.as_ref()));
+            let record = folder.join(record::NAME);
             if is_special(&record) {
                 let record = record.display();
                 bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
@@ -150,12 +146,11 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept.
-    pub(super) fn begin(&mut self, shots: &[Shot], fields: impl FnOnce() -> Result<Fields>) -> Result<()> {
+    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept. `job`: the job's digest, with a
+    /// quality of JPEG.
+    pub(super) fn begin(&mut self, shots: &[Shot], job: impl FnOnce(Option<u8>) -> Result<String>) -> Result<()> {
         let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
-        let quality = self.jpeg_quality.map(|quality| ("jpeg_quality", quality.to_string()));
-        let fields = || fields().map(|fields| fields.into_iter().chain(quality).collect());
-        let mut record = Record::new(folder.join(record::name(self.frames.as_ref())), fields()?);
+        let mut record = Record::new(folder, job(self.jpeg_quality)?);
         if self.resume {
             record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
         }

@@ -15,7 +15,8 @@ use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
 use liveview_files::has_extension;
 
-pub(crate) use process::{Decoder, Process, ProcessHandle, command};
+pub use process::ProcessHandle;
+pub(crate) use process::{Decoder, Process, command};
 
 /// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].
 #[derive(Debug)]

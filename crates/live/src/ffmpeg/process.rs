@@ -108,30 +108,20 @@ impl Process {
     /// prints an error, and may exit with 0.
     pub(crate) fn finish(&mut self) -> Result<(), String> {
         let status = self.wait();
-        let messages = self.messages();
+        let messages = self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        if self.watchdog.hung.load(Ordering::Relaxed) {
+            return Err(format!("ffmpeg was idle for too long and was killed {messages}").trim_end().to_owned());
+        }
         if status.as_ref().is_ok_and(ExitStatus::success) && messages.is_empty() {
             return Ok(());
         }
-        Err(self.failure_of(status, &messages))
-    }
-
-    /// Waits for the process to exit; returns its exit status and messages as an error message.
-    pub(crate) fn failure(&mut self) -> String {
-        let status = self.wait();
-        let messages = self.messages();
-        self.failure_of(status, &messages)
-    }
-
-    fn messages(&mut self) -> String {
-        self.messages.take().and_then(|thread| thread.join().ok()).unwrap_or_default()
-    }
-
-    fn failure_of(&self, status: std::io::Result<ExitStatus>, messages: &str) -> String {
         let status = status.map_or_else(|error| error.to_string(), |status| status.to_string());
-        if self.watchdog.hung.load(Ordering::Relaxed) {
-            return format!("ffmpeg was idle for too long and was killed {messages}").trim_end().to_owned();
-        }
-        format!("ffmpeg failed ({status}): {messages}")
+        Err(format!("ffmpeg failed ({status}): {messages}"))
+    }
+
+    /// Waits for a process that failed to exit; returns its exit status and messages as an error message.
+    pub(crate) fn failure(&mut self) -> String {
+        self.finish().err().unwrap_or_else(|| "ffmpeg ended early".to_owned())
     }
 }
 
@@ -162,11 +152,11 @@ impl Watchdog {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub(crate) struct ProcessHandle(Arc<Mutex<Child>>);
+pub struct ProcessHandle(Arc<Mutex<Child>>);
 
 impl ProcessHandle {
     /// Kills the process.
-    pub(crate) fn kill(&self) {
+    pub fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();

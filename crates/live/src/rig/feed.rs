@@ -176,7 +176,7 @@ pub enum Delivered {
 
 impl Reader {
     /// The ffmpeg process that reads a video.
-    pub(crate) fn decoder(&self) -> Option<ProcessHandle> {
+    pub fn decoder(&self) -> Option<ProcessHandle> {
         match &self.0 {
             OpenFrames::Photos(_) => None,
             OpenFrames::Video(decoder) => Some(decoder.handle()),

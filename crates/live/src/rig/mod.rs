@@ -12,8 +12,9 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use liveview::Camera;
 use liveview::geometry::choose_views;
+use liveview::render::Renderer;
 use liveview_scene::SceneError;
-use liveview_synthesizer::{Scene, SceneOptions, SceneViews};
+use liveview_synthesizer::{LayerSpec, Scene, SceneOptions, SceneViews};
 
 use crate::ffmpeg::FrameRate;
 pub use feed::{Delivered, Feed, Reader};
@@ -108,6 +109,21 @@ impl Rig {
         }
         Ok(chosen.into_iter().map(|camera| free[camera]).collect())
     }
+}
+
+/// A rig, and how its pictures are rendered.
+#[derive(Debug)]
+pub struct RigSettings {
+    /// The cameras.
+    pub rig: Rig,
+    /// The networks, those of fewer views first; the last is the one that is used while all cameras deliver.
+    pub renderers: Vec<Renderer>,
+    /// Whether these are models, which predict opacities.
+    pub with_models: bool,
+    /// The layers.
+    pub layers: LayerSpec,
+    /// Whether the exposure of the photos is not balanced.
+    pub keep_exposure: bool,
 }
 
 /// The scene of a rig's cameras, and the frames of each view.

@@ -254,7 +254,6 @@ impl LiveSession {
             sources: &sources,
             is_followed: true,
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
-            searches_holes: true,
         };
         let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
             Ok(self.depths.photos(&step, target, views.len(), reuse, self.settings.policy == Policy::Propagate))

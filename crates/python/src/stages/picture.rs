@@ -6,9 +6,8 @@ use liveview::layers::Layers;
 use liveview::network::{Alpha, ExecutionProvider, OrtLibrary, OrtNetwork, Precision};
 use liveview::render::{Batch, RenderRequest, Renderer};
 use liveview_surface::guided::GuidedSearch;
-use liveview_synthesizer::LayerSpec;
 use liveview_synthesizer::{
-    Model, ModelOptions, Plan, SceneViews, Synthesizer, Targets, ViewDepth, recommended_layers,
+    LayerSpec, ModelOptions, OpenedRenderer, Plan, SceneViews, Synthesizer, Targets, ViewDepth,
 };
 use numpy::{IntoPyArray, PyArray4, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::prelude::*;
@@ -174,19 +173,13 @@ pub(crate) fn render_scene<'py>(
     let layers = layers.map_err(|error| value("layers", error))?;
     let of_model = options.of_model(py)?;
     let about = PyDict::new(py);
-    let (renderer, recommended) = if of_model.uses_network(layers.as_ref()) {
-        let model = compute(py, || Model::open(&of_model, layers.as_ref()).map_err(library))?;
-        about.set_item("model", model.network.path())?;
-        about.set_item("library", model.library.path())?;
-        about.set_item("precision", &model.precision)?;
-        let recommended = recommended_layers(&model.network);
-        (model.into_renderer(), recommended)
-    } else {
-        about.set_item("model", py.None())?;
-        let opened = of_model.open_renderer(layers.as_ref()).map_err(library)?;
-        (opened.renderer, Ok(opened.layers))
-    };
-    let layers = layers.map_or(recommended, Ok).map_err(library)?;
+    let OpenedRenderer { renderer, layers, model } =
+        compute(py, || of_model.open_renderer(layers.as_ref()).map_err(library))?;
+    about.set_item("model", model.as_ref().map(|model| &model.path))?;
+    if let Some(model) = model {
+        about.set_item("library", model.library)?;
+        about.set_item("precision", model.precision)?;
+    }
     about.set_item("layers", layers.to_string())?;
     about.set_item("engine", of_model.provider.name())?;
     about.set_item("threads", of_model.threads_or_default())?;
@@ -213,7 +206,7 @@ pub(crate) fn render_scene<'py>(
         if plan.surface.is_some() {
             let views: Vec<usize> = shot.views.iter().chain(&shot.helpers).copied().collect();
             for &view in &views {
-                let found = synthesizer.photos_mut().view_depth(view, &shot.held_out, &views);
+                let found = synthesizer.photos_mut().view_depth(view, &shot.held_out, &views, false);
                 depths.push(found.map_err(library)?);
             }
         }

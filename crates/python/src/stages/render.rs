@@ -196,7 +196,7 @@ impl Network {
     fn new(py: Python<'_>, path: PathBuf, threads: Option<&Object<'_>>) -> PyResult<Self> {
         let mut options = model_options(py, None, Some(path))?;
         options.threads = threads.map(|threads| whole("threads", threads)).transpose()?;
-        let network = compute(py, || Model::open(&options, None).map_err(library))?.network;
+        let (_, network) = compute(py, || Model::open(&options, None).map_err(library))?;
         let views = network.views();
         Ok(Self { network: Mutex::new(network), views })
     }

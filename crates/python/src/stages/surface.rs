@@ -7,7 +7,7 @@ use liveview::warp::SourceView;
 use liveview_surface::stages::{self, SurfaceView};
 use liveview_surface::{ConfirmedDisparity, ConsistencyVotes, Surface};
 use ndarray::{Array2, ArrayView2, Ix2};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::layers::{layer_count, maps_of};
@@ -57,7 +57,7 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
     check_range(near, far)?;
     let found = compute(py, || {
         let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(stages::surface(&views, &target, (near, far), true))
+        Ok(stages::surface(&views, &target, (near, far)))
     })?;
     let guessed = found.guessed_share();
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed))
@@ -109,8 +109,8 @@ pub(crate) fn visible<'py>(
     disparity: &Object<'py>,
     margin: f32,
 ) -> PyResult<Map<'py>> {
-    let found = seen(py, [camera, confirmed, target, disparity], margin)?;
-    Ok(found.mapv(|sees| if sees == 0.0 { 0.0 } else { 1.0 }).into_pyarray(py))
+    let found = visible_or_past(py, camera, confirmed, target, disparity, margin)?;
+    Ok(found.readonly().as_array().mapv(|sees| if sees == 0.0 { 0.0 } else { 1.0 }).into_pyarray(py))
 }
 
 /// As visible, but -1 where the view sees past the point.
@@ -123,15 +123,7 @@ pub(crate) fn visible_or_past<'py>(
     disparity: &Object<'py>,
     margin: f32,
 ) -> PyResult<Map<'py>> {
-    Ok(seen(py, [camera, confirmed, target, disparity], margin)?.into_pyarray(py))
-}
-
-fn seen<'py>(
-    py: Python<'py>,
-    [of, confirmed, target, disparity]: [&Object<'py>; 4],
-    margin: f32,
-) -> PyResult<Array2<f32>> {
-    let (view, target) = (camera("camera", of)?, camera("target", target)?);
+    let (view, target) = (self::camera("camera", camera)?, self::camera("target", target)?);
     if !(margin.is_finite() && margin >= 0.0) {
         return Err(value("margin", format!("{margin}; expected a finite number of at least 0")));
     }
@@ -142,7 +134,8 @@ fn seen<'py>(
         let expected = format!("the map is {found}; expected {size} as target, or its padded size {}", padded(size));
         return Err(value("disparity", expected));
     }
-    compute(py, || Ok(stages::visible((&view, &confirmed), &target, &disparity, margin)))
+    let found = compute(py, || Ok(stages::visible((&view, &confirmed), &target, &disparity, margin)))?;
+    Ok(found.into_pyarray(py))
 }
 
 /// The map [h, w] with its holes, pixels below 0, filled from their farthest neighbours.

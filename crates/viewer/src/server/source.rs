@@ -55,7 +55,7 @@ impl Source {
             None => view,
         };
         let later = if self.rig.is_some() { &[] } else { later };
-        let depth = self.synthesizer.photos_mut().edge_depth(view, &held_out, later)?;
+        let depth = self.synthesizer.photos_mut().view_depth(view, &held_out, later, true)?;
         self.take_notes();
         Ok(DepthCode::new(&depth, DEPTH_STEPS).compressed())
     }

@@ -9,9 +9,8 @@ use std::time::Duration;
 use anyhow::Result;
 use liveview::Camera;
 use liveview::geometry::choose_views;
-use liveview_live::rig::Frames;
-use liveview_live::video::RigSettings;
-use liveview_synthesizer::{PhotoCorrection, Scene, Synthesizer, Targets};
+use liveview_live::rig::{Frames, RigSettings};
+use liveview_synthesizer::{PhotoCorrection, Synthesizer, Targets};
 use serde_json::{Value, json};
 use tokio::sync::{Semaphore, watch};
 
@@ -92,7 +91,7 @@ impl Viewer {
         let Self { guard, origin, listener, address } = self;
         let own = format!("http://{}", reachable(address));
         let link = format!("{}/{}", origin.as_deref().unwrap_or(&own).trim_end_matches('/'), guard.query());
-        let mut opened = Opened::new(shown, &settings)?;
+        let (mut source, steps, description) = open(shown, &settings)?;
         let jobs = Arc::new(Jobs::default());
         let (interrupted, stopped) = (watch()?, Arc::clone(&jobs));
         std::thread::spawn(move || {
@@ -104,11 +103,11 @@ impl Viewer {
         let viewers = Arc::new(AtomicU64::new(0));
         let app = App {
             jobs: Arc::clone(&jobs),
-            scene: opened.scene,
+            scene: source.synthesizer.scene().clone(),
             held_out: settings.held_out.clone(),
-            frames: opened.frames,
-            steps: opened.steps,
-            page: page(&opened.description, true),
+            frames: source.rig.as_ref().map(|rig| Arc::clone(&rig.frames)),
+            steps,
+            page: page(&description, true),
             guard,
             note: settings.note,
             photos: Mutex::default(),
@@ -118,66 +117,56 @@ impl Viewer {
         };
         let server = Server::start(listener, app)?;
         ready(&link);
-        let pictures = jobs.work(&mut opened.source, |text| (settings.note)(&text));
+        let pictures = jobs.work(&mut source, |text| (settings.note)(&text));
         server.stop()?;
         Ok(Served { link, pictures, viewers: viewers.load(Ordering::Relaxed) })
     }
 }
 
-/// What is served, opened.
-struct Opened {
-    source: Source,
-    scene: Scene,
-    frames: Option<Arc<Mutex<Frames>>>,
-    steps: usize,
-    description: Value,
-}
-
-impl Opened {
-    /// # Errors
-    ///
-    /// No picture can be rendered at the first viewpoint: reported now rather than to each client.
-    fn new(shown: Shown, settings: &ViewSettings) -> Result<Self> {
-        let (synthesizer, rig) = match shown {
-            Shown::Photos(synthesizer) => (*synthesizer, None),
-            Shown::Video { rig, rate } => {
-                let mut rig = *rig;
-                let renderer = rig.renderers.pop().expect("the network that all cameras are for");
-                let mut synthesizer = Synthesizer::new(rig.rig.views.clone(), renderer, rig.layers);
-                if rig.keep_exposure {
-                    synthesizer.photo_correction = PhotoCorrection { exposure: false, ..Default::default() };
-                }
-                (synthesizer, Some((rig.rig, rate)))
+/// What renders the pictures, the number of time steps, and the description for the page.
+///
+/// # Errors
+///
+/// No picture can be rendered at the first viewpoint: reported now rather than to each client.
+fn open(shown: Shown, settings: &ViewSettings) -> Result<(Source, usize, Value)> {
+    let (synthesizer, rig) = match shown {
+        Shown::Photos(synthesizer) => (*synthesizer, None),
+        Shown::Video { rig, rate } => {
+            let mut rig = *rig;
+            let renderer = rig.renderers.pop().expect("the network that all cameras are for");
+            let mut synthesizer = Synthesizer::new(rig.rig.views.clone(), renderer, rig.layers);
+            if rig.keep_exposure {
+                synthesizer.photo_correction = PhotoCorrection { exposure: false, ..Default::default() };
             }
-        };
-        let (scene, held_out) = (synthesizer.scene().clone(), &settings.held_out);
-        let start = start_view(&scene, held_out)?;
-        let camera = &scene.views[start].camera;
-        let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
-        let range = synthesizer.views().depth_range(&free, held_out)?;
-        let (mut video, mut frames, mut steps) = (Value::Null, None, 1);
-        let rig = match rig {
-            Some((rig, rate)) => {
-                let cameras: Vec<&Camera> = rig.views.cameras(&free).collect();
-                choose_views(&cameras, camera, synthesizer.renderer().network().views(), &[])?;
-                steps = rig.steps(&free)?;
-                video = json!({ "steps": steps, "rate": rate });
-                let read = Arc::new(Mutex::new(Frames::new(scene.clone(), &rig.feeds)));
-                frames = Some(Arc::clone(&read));
-                Some(Rig { frames: read, views: rig.views, range, step: None })
-            }
-            None => {
-                let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
-                synthesizer.shots(targets)?;
-                None
-            }
-        };
-        let mut description = description(&scene, held_out, start, range);
-        description["served"] = json!({
-            "engine": settings.engine, "layers": synthesizer.layers().to_string(), "video": video,
-        });
-        let ViewSettings { without_network, note, .. } = *settings;
-        let source = Source { synthesizer, held_out: held_out.clone(), without_network, note, rig };
-        Ok(Self { source, scene, frames, steps, description })
-    }
+            (synthesizer, Some((rig.rig, rate)))
+        }
+    };
+    let (scene, held_out) = (synthesizer.scene().clone(), &settings.held_out);
+    let start = start_view(&scene, held_out)?;
+    let camera = &scene.views[start].camera;
+    let free: Vec<usize> = (0..scene.views.len()).filter(|view| !held_out.contains(view)).collect();
+    let range = synthesizer.views().depth_range(&free, held_out)?;
+    let (mut video, mut steps) = (Value::Null, 1);
+    let rig = match rig {
+        Some((rig, rate)) => {
+            let cameras: Vec<&Camera> = rig.views.cameras(&free).collect();
+            choose_views(&cameras, camera, synthesizer.renderer().network().views(), &[])?;
+            steps = rig.steps(&free)?;
+            video = json!({ "steps": steps, "rate": rate });
+            let frames = Arc::new(Mutex::new(Frames::new(scene.clone(), &rig.feeds)));
+            Some(Rig { frames, views: rig.views, range, step: None })
+        }
+        None => {
+            let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
+            synthesizer.shots(targets)?;
+            None
+        }
+    };
+    let mut description = description(&scene, held_out, start, range);
+    description["served"] = json!({
+        "engine": settings.engine, "layers": synthesizer.layers().to_string(), "video": video,
+    });
+    let ViewSettings { without_network, note, .. } = *settings;
+    let source = Source { synthesizer, held_out: held_out.clone(), without_network, note, rig };
+    Ok((source, steps, description))
 }

@@ -13,7 +13,10 @@ import resource
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
@@ -26,6 +29,7 @@ from liveview_ref.paths import BINARY, MODELS
 from ..data import rig
 from ..files import write
 from ..methods.registry import ENTRIES, Entry
+from . import cost_worker
 from .cost_worker import scene
 
 VIEWS = 5  # of the paper's methods except LLFF
@@ -34,31 +38,13 @@ PROGRAM = "program"
 
 
 class Worker:
-    """The process cost_worker.py of a method."""
+    """A method in a process of its own."""
 
-    def __init__(self, key: str, planes: int, threads: int):
-        environment = os.environ | {"OMP_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
-        command = [sys.executable, "-m", "liveview_ref.paper.measure.cost_worker", key, str(planes), str(threads)]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-        )
-        self.ready = self.answer()
-
-    def answer(self) -> dict:
-        line = self.process.stdout.readline()
-        answer = json.loads(line) if line else {"error": "the worker ended without an answer"}
-        if "error" in answer:
-            raise RuntimeError(answer["error"])
-        return answer
+    def __init__(self, *args):
+        self.process = ProcessPoolExecutor(1, get_context("spawn"), cost_worker.start, args)
 
     def run(self) -> dict:
-        self.process.stdin.write('{"run": true}\n')
-        self.process.stdin.flush()
-        return self.answer()
-
-    def close(self) -> None:
-        self.process.stdin.close()
-        self.process.wait()
+        return self.process.submit(cost_worker.run).result()
 
 
 class Program:
@@ -73,7 +59,6 @@ class Program:
         options = ["--target", "000", "--layers", f"planes:{planes}", "--views", views, "--model", model]
         options += ["--alpha", "independent", "--threads", threads, "--json", "-o", folder.parent / "out.png"]
         self.command = [str(x) for x in (binary, "render", folder, *options)]
-        self.ready = {}
 
     def run(self) -> dict:
         before = processor_time_of_children()
@@ -85,9 +70,6 @@ class Program:
         stages = {"warp": seconds["warp"], "network": seconds["network"], "render": seconds["composite"]}
         spent = processor_time_of_children() - before  # of the whole process, which also reads the photos and the model
         return {"seconds": stages, "cpu_seconds": spent, "peak_memory": report["peak_memory_bytes"]}
-
-    def close(self) -> None:
-        pass
 
 
 def processor_time_of_children() -> float:
@@ -113,12 +95,10 @@ class Row:
         out["seconds"] = {"median": median(totals), "lowest": min(totals), "highest": max(totals)}
         out["cpu_seconds"] = median(r["cpu_seconds"] for r in self.runs)
         out["peak_memory"] = max(r["peak_memory"] for r in self.runs)
-        for key in ("parameters", "memory_before"):
-            if key in self.worker.ready:
-                out[key] = self.worker.ready[key]
-        counted = next((r["multiply_adds"] for r in self.runs if "multiply_adds" in r), None)
-        if counted is not None:
-            out |= {"multiply_adds": counted, "multiply_adds_per_pixel": counted / (rig.WIDTH * rig.HEIGHT)}
+        known = ("parameters", "memory_before", "multiply_adds")
+        out |= {key: self.runs[0][key] for key in known if key in self.runs[0]}
+        if "multiply_adds" in out:
+            out["multiply_adds_per_pixel"] = out["multiply_adds"] / (rig.WIDTH * rig.HEIGHT)
         return out
 
 
@@ -148,6 +128,7 @@ def main() -> int:
     args = parser.parse_args()
     rows = [row for row in rows_of(ENTRIES) if not args.only or row.name in args.only]
     skipped = {}
+    os.environ |= {"OMP_NUM_THREADS": str(args.threads), "OMP_WAIT_POLICY": "passive"}  # of the processes
     with tempfile.TemporaryDirectory() as folder:
         for row in rows:
             row.worker = Worker(row.name, row.planes, args.threads)
@@ -164,17 +145,14 @@ def main() -> int:
             for row in list(rows):
                 try:
                     row.runs.append(row.worker.run())
-                except RuntimeError as error:
+                except (RuntimeError, BrokenProcessPool) as error:
                     skipped[f"{row.name}, {row.planes} planes"] = str(error)
                     rows.remove(row)
                     continue
                 total = sum(row.runs[-1]["seconds"].values())
                 print(f"round {round_}: {row.name}, {row.planes} planes: {total:.2f} s", file=sys.stderr, flush=True)
-        for row in rows:
-            row.worker.close()
-    counted = {id(row): {k: v for k, v in row.runs[0].items() if k == "multiply_adds"} for row in rows}
-    for row in rows:  # the first run only warms up, but counts the operations
-        row.runs = [row.runs[1] | counted[id(row)], *row.runs[2:]]
+    for row in rows:  # the first run only warms up
+        del row.runs[0]
     report = {"size": [rig.WIDTH, rig.HEIGHT], "threads": args.threads, "rounds": args.rounds, "cpu": machine()}
     report |= {"versions": versions(), "rows": [row.report() for row in rows], "skipped": skipped}
     args.out.parent.mkdir(parents=True, exist_ok=True)

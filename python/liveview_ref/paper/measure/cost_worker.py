@@ -1,30 +1,17 @@
-"""One method in its own process, timed on request.
-
-    python -m liveview_ref.paper.measure.cost_worker KEY PLANES THREADS
-
-One JSON object per line, in and out. The weights are random, because no time depends on them.
-
-    out  {"ready": true, "parameters": N, "memory_before": bytes}
-    in   {"run": true}
-    out  {"seconds": {"warp": s, "network": s, "render": s}, "cpu_seconds": s,
-          "peak_memory": bytes so far,
-          "multiply_adds": of convolutions and matrix products, counted in the first run only}
+"""One method, timed in a process of its own. The weights are random: no time depends on them.
 
 warp: photos onto planes. network: modules with weights. render: blending, compositing, warping to
 the target, and everything else."""
 
 import functools
-import json
 import resource
 import sys
 import time
-from typing import TextIO
 
 import torch
 from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from liveview_ref.json_lines import run
 from liveview_ref.reference.liveview import Camera
 
 from ..data import rig
@@ -116,35 +103,41 @@ def peak_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def serve(key: str, count: int, requests: TextIO, replies: TextIO) -> None:
-    torch.manual_seed(0)
-    own = entry(key)
-    method = own.build(own.views).eval()
-    for module in method.modules():
-        if isinstance(module, nn.Conv2d):
-            module.to(memory_format=torch.channels_last)
-    stages, (photos, target) = Stages(), scene(own.views)
-    watch(method, stages)
+class Timed:
+    """A method on a number of planes."""
 
-    def reply(**message) -> None:
-        print(json.dumps(message), file=replies, flush=True)
+    def __init__(self, key: str, count: int, threads: int):
+        torch.set_num_threads(threads)
+        torch.manual_seed(0)
+        own = entry(key)
+        self.method, self.planes = own.build(own.views).eval(), rig.planes(count)
+        for module in self.method.modules():
+            if isinstance(module, nn.Conv2d):
+                module.to(memory_format=torch.channels_last)
+        self.stages, self.scene = Stages(), scene(own.views)
+        watch(self.method, self.stages)
+        parameters = sum(p.numel() for p in self.method.parameters())
+        self.known = {"parameters": parameters, "memory_before": peak_memory()}
 
-    reply(ready=True, parameters=sum(p.numel() for p in method.parameters()), memory_before=peak_memory())
-    first = True
-    for line in requests:
-        if not json.loads(line).get("run"):
-            raise ValueError(f'{line.strip()}: expected {{"run": true}}')
-        with torch.no_grad():
-            counted = {"multiply_adds": multiply_adds(method, photos, target, rig.planes(count))} if first else {}
-            first = False
-            stages.start()
-            began = time.process_time()
-            method(photos, target, rig.planes(count))
-            stages.switch()
-        seconds = time.process_time() - began
-        reply(seconds=stages.seconds, cpu_seconds=seconds, peak_memory=peak_memory(), **counted)
+    @torch.no_grad()
+    def run(self) -> dict:
+        """Seconds of each stage and of the processor, memory so far, what is known of the method:
+        among it the multiply-adds, counted in the first run."""
+        if "multiply_adds" not in self.known:
+            self.known["multiply_adds"] = multiply_adds(self.method, *self.scene, self.planes)
+        self.stages.start()
+        began = time.process_time()
+        self.method(*self.scene, self.planes)
+        self.stages.switch()
+        spent = time.process_time() - began
+        return {"seconds": self.stages.seconds, "cpu_seconds": spent, "peak_memory": peak_memory(), **self.known}
 
 
-if __name__ == "__main__":
-    torch.set_num_threads(int(sys.argv[3]))
-    sys.exit(run(functools.partial(serve, sys.argv[1], int(sys.argv[2]))))
+def start(*args) -> None:
+    """The method of this process."""
+    global own
+    own = Timed(*args)
+
+
+def run() -> dict:
+    return own.run()

@@ -23,9 +23,9 @@ STRIDE = 8  # of the deepest layer: planes are padded to a multiple of it
 INITIAL_PLANES = 64  # number of planes for which alpha is initialised
 
 
-def block(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+def block(inputs: int, outputs: int, stride: int = 1, dilation: int = 1, kind: type = nn.Conv3d) -> nn.Sequential:
     """3 x 3 x 3, layer normalisation over channels and points, ReLU."""
-    convolution = nn.Conv3d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False)
+    convolution = kind(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False)
     return nn.Sequential(convolution, nn.GroupNorm(1, outputs), nn.ReLU(inplace=True))
 
 

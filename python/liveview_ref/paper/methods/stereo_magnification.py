@@ -11,21 +11,18 @@ has the number of parameters that the paper gives.
 """
 
 import math
+from functools import partial
 
 import torch
 from torch import Tensor, nn
 
+from . import local_light_field
 from .local_light_field import upsampled
 from .method import Predictor
 from .mpi import Mpi
 
 WIDTH = 64  # channels of the first layer
-
-
-def block(inputs: int, outputs: int, stride: int = 1, dilation: int = 1) -> nn.Sequential:
-    """3 x 3, layer normalisation over channels and pixels, ReLU."""
-    convolution = nn.Conv2d(inputs, outputs, 3, stride, padding=dilation, dilation=dilation, bias=False)
-    return nn.Sequential(convolution, nn.GroupNorm(1, outputs), nn.ReLU(inplace=True))
+block = partial(local_light_field.block, kind=nn.Conv2d)
 
 
 class StereoMagnification(Predictor):

@@ -1,26 +1,41 @@
 //! `liveview video`: renders the video of a moving viewpoint from the frames of a camera rig.
 
+mod gather;
+mod governor;
+mod player;
+mod report;
+
 use std::collections::HashSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicUsize;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use anyhow::{Result, bail};
 use clap::Args;
+use liveview::{Camera, ImageRgb};
 use liveview_live::FrameRate;
-use liveview_live::rig::Rig;
-use liveview_live::session::Policy;
-use liveview_live::video::{FRAME_PREFIX, Progress, Sink, Video, VideoSettings, Viewpoint, frame_file};
+use liveview_live::interrupt::Interrupted;
+use liveview_live::rig::{Rig, RigSettings, SPARE_CAMERAS};
+use liveview_live::session::{LiveSession, LiveSettings, Policy};
 use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews};
+use liveview_synthesizer::{LayerSpec, SceneViews, check_video};
 use serde_json::Value;
 
 use crate::args::numbers::frame_rate;
 use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of};
-use crate::console::{Output, print_message, print_note, print_notes, progress};
+use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;
 use crate::outputs::{OutputPlan, note_other_pictures};
+use gather::{Clock, Faults, Gathering};
+use governor::Governor;
+use player::{FRAME_PREFIX, Player, Sink, frame_file, scaled};
+use report::{Scorer, Tally, summary};
+
+/// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
+const RENDER_SHARE: f64 = 0.9;
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or
@@ -128,50 +143,101 @@ fn duration(text: &str) -> Result<Duration, String> {
 pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let rig = Rig::open(args.scene.folder(), &args.scene.options(), args.scene.depth())?;
     let fps = args.fps.map_or_else(|| rig.rate(), Ok)?;
-    let sink = Sink::new(&args.output, fps, print_note)?;
+    let sink = Sink::new(&args.output, fps)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
-    let (mut rig, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
-    let policy = policy(args.policy, &rig.layers)?;
+    let (settings, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
+    let RigSettings { rig, renderers, with_models, mut layers, keep_exposure } = settings;
+    let policy = policy(args.policy, &layers)?;
     if args.layers.given().is_none() {
-        rig.layers = policy.layers_by_default(rig.layers);
+        layers = policy.layers_by_default(layers);
     }
-    let views = rig.renderers.last().map_or(0, |renderer| renderer.network().views());
-    let free = rig.rig.feeds.len() - usize::from(viewpoint.truth.is_some());
-    if free < views {
-        print_message("note", format_args!("a frame is made from {views} views, but there are only {free}"));
+    let counts = || renderers.iter().map(|renderer| renderer.network().views());
+    let (fewest, views) = (counts().min().unwrap_or(0), counts().max().unwrap_or(0));
+    let free: Vec<usize> = (0..rig.feeds.len()).filter(|&camera| Some(camera) != viewpoint.truth).collect();
+    if free.len() < views {
+        print_message("note", format_args!("a frame is made from {views} views, but there are only {}", free.len()));
     }
-    let mut output_plan = OutputPlan::new(rig.rig.views.scene());
-    let (frames, latency) = (args.frames.clone(), args.latency);
-    let video = Video::new(VideoSettings { rig, viewpoint, policy, frames, fps, latency })?;
+    let scene = rig.views.scene();
+    let read = rig.cameras_for(&viewpoint.cameras, &free, (fewest, views + SPARE_CAMERAS))?;
+    let of_read: Vec<&Camera> = rig.views.cameras(&read).collect();
+    // A thread reads each camera; others match them by time, render and write.
+    if let Err(error) = check_video(&of_read, viewpoint.camera(0).size(), read.len() + 3) {
+        let (target, count, size) = (viewpoint.camera(0).size(), read.len(), of_read[0].size());
+        bail!("a video of {target} from {count} cameras such as {size} {error}; expected smaller photos");
+    }
+    let (near, far) = rig.views.depth_range(&read, &[])?;
+    let live_settings = LiveSettings { near, far, layers: layers.clone(), policy, keep_exposure };
+    let cameras = scene.views.iter().map(|view| view.camera.clone()).collect();
+    let mut session = LiveSession::new(cameras, renderers, live_settings)?;
+    let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
+    let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
+    let steps = args.frames.clone().map_or(0..all, |range| range.start..range.end.min(all));
+    let first = steps.start;
+    if steps.is_empty() {
+        bail!("--frames {first}..: expected a range within the cameras' {all} time steps, which count from 0");
+    }
+    let mut output_plan = OutputPlan::new(scene);
     output_plan.protect("--poses", args.viewpoint.poses.as_deref());
     args.model.protect(&mut output_plan, model.path());
     plan_sink(&sink, &mut output_plan)?;
     args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
     output_plan.prepare()?;
     let stop = interrupt::watch()?;
+    let tally = Tally::new(args.log.as_deref(), model.weighting_stage())?;
     let bar = progress()?.with_prefix("frames");
-    let mut report = |what: Progress<'_>| match what {
-        Progress::Begin(steps) => steps.into_iter().for_each(|steps| bar.set_length(steps as u64)),
-        Progress::Done(steps) => bar.set_position(steps as u64),
-        Progress::Note(note) => bar.suspend(|| print_note(note)),
-    };
+    if steps.end < usize::MAX {
+        bar.set_length(steps.len() as u64);
+    }
+    let mut live = None;
+    if let Some(latency) = args.latency {
+        let budget = Duration::from_secs_f64(1.0 / fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
+        let governor = Governor::new(budget, &layers, with_models);
+        let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
+        warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
+        live = Some((governor, Clock::new((first, steps.end), fps.per_second(), latency)));
+    }
+    // A live video is not scored: that would take too long.
+    let truth = viewpoint.truth.filter(|_| live.is_none());
+    let gathering = Arc::new(Gathering {
+        scene: scene.clone(),
+        feeds: rig.feeds.clone(),
+        read: read.iter().copied().chain(truth).collect(),
+        truth,
+        steps,
+        clock: live.as_ref().map(|(_, clock)| *clock),
+        stop,
+        faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
+        wanted: AtomicUsize::new(first),
+        decoders: Mutex::default(),
+    });
     let is_folder = matches!(sink, Sink::Folder { .. });
-    let played = video.play(sink, args.log.as_deref(), model.weighting_stage(), &stop, &mut report);
+    let player = Player {
+        session,
+        settled: false,
+        viewpoint: &viewpoint,
+        truth,
+        live,
+        scorer: Scorer::default(),
+        tally,
+        changes: Vec::new(),
+        bar: &bar,
+    };
+    let (played, file) = player.play(&gathering, sink)?;
     bar.finish_and_clear();
-    let mut played = played?;
+    let frames = played.written.frames;
     if is_folder {
-        let written: HashSet<PathBuf> = (0..played.frames).map(|index| frame_file(&args.output, index)).collect();
+        let written: HashSet<PathBuf> = (0..frames).map(|index| frame_file(&args.output, index)).collect();
         note_other_pictures(&args.output, |other| written.contains(other));
     }
-    if let (Value::Object(json), Value::Object(model)) = (&mut played.json, model.json()) {
+    let (text, mut json) = summary(&rig, &viewpoint, &played, file.as_deref(), (&layers, policy));
+    if let (Value::Object(json), Value::Object(model)) = (&mut json, model.json()) {
         json.extend(model);
     }
-    let output = Output { text: played.text + &model.text(), json: played.json };
+    let output = Output { text: text + &model.text(), json };
     if played.interrupted {
-        let video = played.file.map_or_else(|| "the video".to_owned(), |file| file.display().to_string());
-        let what = format!("{video} is short, it has {} frames", played.frames);
-        return Err(Shortened { what, output }.into());
+        let video = file.map_or_else(|| "the video".to_owned(), |file| file.display().to_string());
+        return Err(Shortened { what: format!("{video} is short, it has {frames} frames"), output }.into());
     }
     Ok(output)
 }
@@ -203,16 +269,79 @@ fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
     }
 }
 
+/// Renders a picture of each size that the video may have: the first of a size takes longer than later ones.
+fn warm_up(session: &mut LiveSession, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
+    let grey = |camera: &Camera| {
+        let (width, height) = (camera.width(), camera.height());
+        ImageRgb::new(width, height, vec![0.5; 3 * width * height])
+    };
+    let cameras = session.cameras().iter().enumerate();
+    let photos = cameras
+        .map(|(index, camera)| read.contains(&index).then(|| grey(camera)).transpose())
+        .collect::<Result<Vec<_>, _>>()?;
+    let photos: Vec<Option<&ImageRgb>> = photos.iter().map(Option::as_ref).collect();
+    for scale in governor.scales() {
+        session.render(&photos, &scaled(target, scale)?)?;
+        session.restart();
+    }
+    Ok(())
+}
+
 impl ViewpointArgs {
     /// The cameras of the frames.
     fn resolve(&self, views: &SceneViews) -> Result<Viewpoint> {
         let Self { camera, path, poses } = self;
-        match (camera, path, poses) {
-            (Some(name), ..) => Ok(Viewpoint::of_camera(views, views.scene().view_index(name)?)),
-            (_, Some(path), _) => Viewpoint::along(*path, views),
-            (.., Some(file)) => Viewpoint::through(cameras_of(file, views)?),
+        let (cameras, repeat, truth) = match (camera, path, poses) {
+            (Some(name), ..) => {
+                let view = views.scene().view_index(name)?;
+                (vec![views.scene().views[view].camera.clone()], Repeat::Last, Some(view))
+            }
+            (_, Some(path), _) => {
+                let repeat = if path.is_closed() { Repeat::Cycle } else { Repeat::Reverse };
+                (path.cameras(&views.all_cameras())?, repeat, None)
+            }
+            (.., Some(file)) => (cameras_of(file, views)?, Repeat::Last, None),
             (None, None, None) => bail!("expected --camera, --path or --poses"),
+        };
+        if cameras.iter().any(|camera| camera.size() != cameras[0].size()) {
+            bail!("the cameras of the viewpoint have different sizes; expected one size for the whole video");
         }
+        Ok(Viewpoint { cameras, repeat, truth })
+    }
+}
+
+/// The target camera of each frame.
+#[derive(Debug)]
+struct Viewpoint {
+    cameras: Vec<Camera>,
+    repeat: Repeat,
+    /// Index of the held-out camera, the ground truth.
+    truth: Option<usize>,
+}
+
+/// What follows the last camera.
+#[derive(Debug)]
+enum Repeat {
+    /// The first one.
+    Cycle,
+    /// The path in reverse.
+    Reverse,
+    /// The last one again.
+    Last,
+}
+
+impl Viewpoint {
+    /// The camera of a time step.
+    fn camera(&self, step: usize) -> &Camera {
+        let count = self.cameras.len();
+        &self.cameras[match self.repeat {
+            Repeat::Cycle => step % count,
+            Repeat::Last => step.min(count - 1),
+            Repeat::Reverse => {
+                let index = step % (2 * count - 2).max(1);
+                if index < count { index } else { 2 * count - 2 - index }
+            }
+        }]
     }
 }
 

@@ -15,8 +15,6 @@ pub(crate) struct Row {
     /// Such as `guided:4`.
     pub(crate) layers: String,
     pub(crate) engine: String,
-    /// Whether it is a reference implementation rather than this program.
-    pub(crate) reference: bool,
     /// Size of the target, pixels.
     pub(crate) size: Size,
     /// Layers that went through the network.
@@ -31,11 +29,10 @@ pub(crate) struct Row {
 
 impl Row {
     /// The row of a worker, without measurements; `ready`: the worker's first line.
-    pub(crate) fn new(layers: &str, ready: &Value, reference: bool, size: Size) -> Self {
+    pub(crate) fn new(layers: &str, ready: &Value, size: Size) -> Self {
         Self {
             layers: layers.to_owned(),
             engine: ready["engine"].as_str().unwrap_or("unnamed").to_owned(),
-            reference,
             size,
             ..Self::default()
         }
@@ -85,7 +82,7 @@ impl Row {
 
 /// All measurements of a sweep.
 #[derive(Debug)]
-pub struct SweepReport {
+pub(super) struct SweepReport {
     pub(crate) scene: String,
     pub(crate) targets: Vec<String>,
     pub(crate) views: usize,
@@ -97,13 +94,8 @@ pub struct SweepReport {
 }
 
 impl SweepReport {
-    /// Whether no picture could be compared with its photo.
-    pub fn has_no_score(&self) -> bool {
-        self.rows.iter().all(|row| row.score.is_none())
-    }
-
     /// Whether the times of the repetitions differ too much.
-    pub fn noisy(&self) -> bool {
+    pub(super) fn noisy(&self) -> bool {
         let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
         quantile(&mut spreads, 0.5) > MAX_SPREAD
     }
@@ -119,7 +111,7 @@ impl SweepReport {
     }
 
     /// As a Markdown table: a heading that says how the rows were measured, and a row for each configuration.
-    pub fn markdown(&self) -> String {
+    pub(super) fn markdown(&self) -> String {
         let sizes: Vec<_> = self.rows.iter().map(|row| row.size).collect();
         let several_sizes = sizes.iter().any(|&size| size != sizes[0]);
         let mut text = format!(
@@ -145,7 +137,7 @@ impl SweepReport {
          |---|{}---|---|---|---|---|---|---|",
             if several_sizes { "---|" } else { "" }
         );
-        for row in self.rows.iter().filter(|row| !row.reference) {
+        for row in &self.rows {
             let front = if self.on_front(row) { "●" } else { "" };
             let size = if several_sizes { format!(" {} |", row.size) } else { String::new() };
             let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
@@ -161,16 +153,16 @@ impl SweepReport {
             );
         }
         text += "\n●: on the Pareto front of time and PSNR. `once`: the time to select planes or to search the photos' depth, which further frames share.\n";
-        text + &references(self)
+        text
     }
 
     /// As JSON.
-    pub fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         let row = |row: &Row| {
             let totals = row.totals();
             let stages = row.stages().into_iter().map(|(stage, time)| (stage, json!(time)));
             json!({
-                "layers": row.layers, "engine": row.engine, "reference": row.reference, "width": row.size.width, "height": row.size.height,
+                "layers": row.layers, "engine": row.engine, "width": row.size.width, "height": row.size.height,
                 "count": row.count, "seconds": {
                     "median": row.median(), "min": totals.first(), "max": totals.last(),
                     "quartiles": [quantile_of_sorted(&totals, 0.25), quantile_of_sorted(&totals, 0.75)], "all": totals,
@@ -190,7 +182,7 @@ impl SweepReport {
 
 /// A quantile (`fraction` from 0 to 1) of the values, which it sorts, interpolated linearly between ranks as in NumPy; NaN if
 /// there are none.
-pub fn quantile(values: &mut [f64], fraction: f64) -> f64 {
+pub(crate) fn quantile(values: &mut [f64], fraction: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     quantile_of_sorted(values, fraction)
 }
@@ -203,21 +195,6 @@ fn quantile_of_sorted(sorted: &[f64], fraction: f64) -> f64 {
         (Some(low), Some(high)) => low + at.fract() * (high - low),
         _ => f64::NAN,
     }
-}
-
-/// The Python implementations: time and memory alone, since their model and composite may be others than those above.
-fn references(sweep: &SweepReport) -> String {
-    let rows: Vec<&Row> = sweep.rows.iter().filter(|row| row.reference).collect();
-    if rows.is_empty() {
-        return String::new();
-    }
-    let mut text = "\nPython implementations, with the model for any layers, composited as in the paper, without the photos' depth:\n\n\
-                    | layers | engine | seconds (range) | MB |\n|---|---|---|---|\n"
-        .to_owned();
-    for row in rows {
-        let _ = writeln!(text, "| {} | {} | {} | {} |", row.layers, row.engine, seconds(row), megabytes(row));
-    }
-    text
 }
 
 /// The median of the repetitions, and their range.
@@ -303,7 +280,7 @@ pub(crate) mod tests {
 mod markdown_tests {
     #[test]
     fn all_rows_have_all_columns() {
-        let mut sweep = super::tests::sweep();
+        let sweep = super::tests::sweep();
         let text = sweep.markdown();
         let lines: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
         assert_eq!(lines.len(), 2 + sweep.rows.len(), "{text}");
@@ -311,13 +288,6 @@ mod markdown_tests {
         assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{text}");
         assert!(
             text.contains("| ● | guided:4 | test | 22.00 | 0.5000 | 1.000 (1.000–1.100) | 300 | network 75% |"),
-            "{text}"
-        );
-        sweep.rows[0].reference = true;
-        let text = sweep.markdown();
-        let apart = text.split("Python implementations").nth(1).unwrap();
-        assert!(
-            apart.contains("| planes:64 | test | 11.000 (10.000–12.000) | 300 |") && !apart.contains("guided"),
             "{text}"
         );
     }

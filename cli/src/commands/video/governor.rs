@@ -20,11 +20,11 @@ const DEPTH_WORK: f64 = 4.0;
 
 /// How a frame is rendered: a level of work.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Level {
+pub(super) struct Level {
     /// The layers of a frame.
-    pub layers: LayerSpec,
+    pub(super) layers: LayerSpec,
     /// Scale of the target's sides, at most 1.
-    pub scale: f64,
+    pub(super) scale: f64,
 }
 
 impl Level {
@@ -43,7 +43,7 @@ impl Level {
 
 /// Chooses the level by the times of frames.
 #[derive(Debug)]
-pub struct Governor {
+pub(super) struct Governor {
     budget: Duration,
     /// The most work first.
     levels: Vec<Level>,
@@ -60,7 +60,7 @@ pub struct Governor {
 impl Governor {
     /// The levels below `layers`: fewer guided layers; below surface layers guided ones, of which a single one without opacities of a
     /// network; of planes only the size changes.
-    pub fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
+    pub(super) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
         let fewer = match *layers {
             LayerSpec::Guided { layers, coarse_planes } => {
                 let fewer = [4, 2, 1].into_iter().filter(|&fewer| fewer < layers);
@@ -81,19 +81,19 @@ impl Governor {
     }
 
     /// The current level.
-    pub fn level(&self) -> &Level {
+    pub(super) fn level(&self) -> &Level {
         &self.levels[self.current]
     }
 
     /// The scales of all levels.
-    pub fn scales(&self) -> Vec<f64> {
+    pub(super) fn scales(&self) -> Vec<f64> {
         let mut scales: Vec<f64> = self.levels.iter().map(|level| level.scale).collect();
         scales.dedup();
         scales
     }
 
     /// Records the time of a frame at the current level; the new level, if it changes.
-    pub fn record(&mut self, took: Duration) -> Option<&Level> {
+    pub(super) fn record(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();
         let now = self.level().work();
         let expected = |level: &Level| share * level.work() / now;

@@ -15,11 +15,11 @@ use serde_json::{Value, json};
 
 use super::Viewpoint;
 use super::gather::Faults;
+use super::governor::Level;
 use super::player::Written;
-use crate::governor::Level;
-use crate::resident_memory;
-use crate::rig::Rig;
-use crate::session::{LayerSource, LiveFrame, LiveTimes, Policy};
+use liveview_live::resident_memory;
+use liveview_live::rig::Rig;
+use liveview_live::session::{LayerSource, LiveFrame, LiveTimes, Policy};
 
 /// The time of each stage, in the order of [`Tally::stages`].
 fn stage_times(times: &LiveTimes) -> [Duration; 5] {

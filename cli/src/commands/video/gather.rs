@@ -15,8 +15,8 @@ use anyhow::anyhow;
 use liveview::ImageRgb;
 use liveview_synthesizer::Scene;
 
-use crate::ffmpeg::ProcessHandle;
-use crate::rig::{Delivered, Feed, Reader};
+use liveview_live::ffmpeg::ProcessHandle;
+use liveview_live::rig::{Delivered, Feed, Reader};
 
 /// Frames that a camera may be read ahead of the others.
 const READ_AHEAD: usize = 2;

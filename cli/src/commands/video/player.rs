@@ -16,26 +16,17 @@ use liveview_scene::save_picture;
 
 use super::Viewpoint;
 use super::gather::{Clock, Faults, Gathering, Step};
+use super::governor::{Governor, Level};
 use super::report::{Latencies, Scorer, Tally, VideoResults};
-use crate::ffmpeg::{Encoder, FrameRate, is_video};
-use crate::governor::{Governor, Level};
-use crate::interrupt::{self, Interrupted};
-use crate::rig::Feed;
-use crate::session::{LiveError, LiveSession};
+use crate::console::print_note;
+use indicatif::ProgressBar;
+use liveview_live::ffmpeg::{Encoder, FrameRate, is_video};
+use liveview_live::interrupt::{self, Interrupted};
+use liveview_live::rig::Feed;
+use liveview_live::session::{LiveError, LiveSession};
 
 /// Frames queued between the renderer and the writer.
 const QUEUED_FRAMES: usize = 2;
-
-/// What is reported while a video is rendered.
-#[derive(Debug)]
-pub enum Progress<'a> {
-    /// It begins, with so many time steps where their number is known.
-    Begin(Option<usize>),
-    /// So many time steps are done.
-    Done(usize),
-    /// A note for the user.
-    Note(&'a str),
-}
 
 /// Renders time steps and passes the frames to the writer.
 pub(super) struct Player<'a> {
@@ -48,7 +39,7 @@ pub(super) struct Player<'a> {
     pub(super) scorer: Scorer,
     pub(super) tally: Tally,
     pub(super) changes: Vec<(usize, Level)>,
-    pub(super) report: &'a mut dyn FnMut(Progress<'_>),
+    pub(super) bar: &'a ProgressBar,
 }
 
 impl Player<'_> {
@@ -114,7 +105,7 @@ impl Player<'_> {
                 }
             }
             next = step.index + 1;
-            (self.report)(Progress::Done(next - first));
+            self.bar.set_position((next - first) as u64);
             if !stale && !self.render(step, shown)? {
                 return Ok(());
             }
@@ -136,7 +127,7 @@ impl Player<'_> {
                 return Ok(shown.send(WriterInput::Repeat).is_ok());
             }
             Err(error) if interrupt::requested() => {
-                (self.report)(Progress::Note(&format!("frame {} was given up: {error}", step.index)));
+                self.bar.suspend(|| print_note(&format!("frame {} was given up: {error}", step.index)));
                 return Ok(false);
             }
             Err(error) => return Err(error.into()),
@@ -162,22 +153,22 @@ impl Player<'_> {
 }
 
 /// The target camera with both sides of the picture scaled.
-pub fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
+pub(super) fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
     let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
     Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
 }
 
 /// Prefix of the names of frames in a folder.
-pub const FRAME_PREFIX: &str = "frame_";
+pub(super) const FRAME_PREFIX: &str = "frame_";
 
 /// The file of a frame in a folder.
-pub fn frame_file(folder: &Path, index: usize) -> PathBuf {
+pub(super) fn frame_file(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("{FRAME_PREFIX}{index:06}.png"))
 }
 
 /// A video being written, frame by frame.
 #[derive(Debug)]
-pub enum Sink {
+pub(super) enum Sink {
     /// A folder of frames.
     Folder {
         /// The folder.
@@ -200,12 +191,12 @@ pub enum Sink {
 
 impl Sink {
     /// The sink for a path: `-` is raw y4m on standard output, .mp4 and .gif are encoded by ffmpeg, all else is a folder.
-    pub fn new(path: &Path, rate: FrameRate, note: fn(&str)) -> Result<Self> {
+    pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         if path == Path::new("-") {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
         }
         if is_video(path) {
-            return Ok(Self::Video(Encoder::new(path, rate, note)?));
+            return Ok(Self::Video(Encoder::new(path, rate, print_note)?));
         }
         if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
