@@ -123,7 +123,7 @@ def main() -> None:
     text += rows(runs, reports, args.cut)
     if args.cut is not None:
         with tempfile.TemporaryDirectory() as folder:
-            _, restarted = video(args, args.rig, Path(folder), *options_of[PAPER], "--frames", f"{args.cut}..")
+            _, restarted = video(args, args.rig, Path(folder), *options_of[PAPER], "--frames", f"{args.cut}:")
         kept = runs[PAPER][0][args.cut + 1 :]
         text += [
             "",

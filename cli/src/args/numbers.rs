@@ -36,14 +36,12 @@ pub(crate) fn port(text: &str) -> Result<u16, String> {
     in_range(text, 0..=65535).map(|port| port as u16)
 }
 
-/// Frames A up to but without B of a path.
-pub(crate) type FrameRange = Range<usize>;
-
-/// Parses `A:B`, a range of frames that is not empty.
-pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
-    let ends = text.split_once(':').and_then(|(start, end)| Some(start.parse().ok()?..end.parse().ok()?));
-    let range = ends.filter(|range: &FrameRange| !range.is_empty());
-    range.ok_or_else(|| "expected A:B with whole numbers, A below B, such as 100:200".to_owned())
+/// Parses `A:B`, `A:` or `:B`: a range, without B, that is not empty.
+pub(crate) fn frame_range(text: &str) -> Result<Range<usize>, String> {
+    let side = |text: &str, open| if text.is_empty() { Some(open) } else { text.parse().ok() };
+    let ends = text.split_once(':').and_then(|(start, end)| Some(side(start, 0)?..side(end, usize::MAX)?));
+    let range = ends.filter(|range: &Range<usize>| !range.is_empty());
+    range.ok_or_else(|| "expected A:B, A: or :B with whole numbers, A below B, such as 100:200".to_owned())
 }
 
 /// Parses a colour RRGGBB, a `#` before it or not.
@@ -68,6 +66,14 @@ fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frame_range_parses_open_ends() {
+        assert_eq!(frame_range("3:9"), Ok(3..9));
+        assert_eq!(frame_range(":9"), Ok(0..9));
+        assert_eq!(frame_range("3:"), Ok(3..usize::MAX));
+        assert!(["9:3", "7", "-1:2", "", "3..9"].iter().all(|text| frame_range(text).is_err()));
+    }
 
     #[test]
     fn frame_rate_parses_integers_decimals_and_fractions() {

@@ -1,6 +1,5 @@
 //! Options for the scene, and those that say what to render: held-out views, poses from a file, or a path.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
@@ -70,23 +69,6 @@ fn path(text: &str) -> Result<CameraPathOrFile, String> {
         return Err(format!("{text}: expected names of photos after the last colon"));
     }
     Ok(CameraPathOrFile::Through { frames, names: names.map(str::to_owned) })
-}
-
-/// The option as on the command line.
-impl fmt::Display for TargetArgs {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self { heldout: Some(step), .. } => write!(f, "--heldout {step}"),
-            Self { pose: Some(file), .. } => write!(f, "--pose {}", file.display()),
-            Self { path: Some(CameraPathOrFile::Shape(path)), .. } => write!(f, "--path {path}"),
-            Self { path: Some(CameraPathOrFile::Through { frames, names }), .. } => {
-                let names = names.as_ref().map(|names| format!(":{names}")).unwrap_or_default();
-                write!(f, "--path interpolate:{frames}{names}")
-            }
-            Self { path: Some(CameraPathOrFile::File(file)), .. } => write!(f, "--path {}", file.display()),
-            Self { target, .. } => write!(f, "--target {}", target.join(",")),
-        }
-    }
 }
 
 impl TargetArgs {

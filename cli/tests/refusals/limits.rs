@@ -341,7 +341,7 @@ fn little_memory_is_an_error() {
             "depth workshop -o $OUT/depth",
             "inspect workshop",
             "render workshop --target target_0 --quality fast -o $OUT/a.png",
-            "video rig --camera target --frames 0..2 -o $OUT/frames",
+            "video rig --camera target --frames 0:2 -o $OUT/frames",
         ] {
             let script = format!("ulimit -c 0; ulimit -v {}; exec $LIVEVIEW {command} --json", 1024 * megabytes);
             let mut shell = Command::new("sh");

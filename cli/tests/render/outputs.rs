@@ -301,7 +301,7 @@ fn invalid_record_is_an_error() {
 fn no_frame_and_no_coverage_are_errors() {
     let folders = rig(6);
     let (frames, picture) = (folders.out("frames"), folders.out("a.png"));
-    folders.assert_refused(&mut video(&folders, &["--frames", "100..", "-o", &frames]), &["--frames 100..", "6"]);
+    folders.assert_refused(&mut video(&folders, &["--frames", "100:", "-o", &frames]), &["--frames 100:", "6"]);
     // Far from everything that the cameras cover.
     let pose = folders.scene().join("pose.json");
     let away = r#"{"cam_from_world": [[1, 0, 0, -50], [0, -1, 0, 0], [0, 0, -1, 0]]}"#;
@@ -311,7 +311,7 @@ fn no_frame_and_no_coverage_are_errors() {
         folders.assert_refused(&mut folders.render(&arguments), &["pose.json", "no view covers"]);
     }
     fs::write(&pose, format!("[{away}]")).unwrap();
-    let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", "..2"];
+    let poses = ["--poses", pose.to_str().unwrap(), "--layers", "planes:2", "--frames", ":2"];
     let mut video = folders.liveview("video", &[&poses[..], &["--model", &fixture("tiny_v4")]].concat());
     let copies = folders.ffmpeg(COPIES);
     let video = video.args(["-o", &folders.out("a.mp4")]).env("PATH", copies);

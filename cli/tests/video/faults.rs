@@ -129,18 +129,18 @@ fn missing_frames_are_counted_and_an_empty_video_is_an_error() {
     let refused = |arguments: &[&str], words: &[&str]| {
         rig.folders.assert_refused(&mut rig.video(&[&["--camera", "cam2", "-o", &out], arguments].concat()), words);
     };
-    refused(&["--frames", "100.."], &["--frames 100..", "12 time steps"]);
+    refused(&["--frames", "100:"], &["--frames 100:", "12 time steps"]);
     refused(&["--fps", "0"], &["--fps", "30000/1001"]);
     // The length of videos is unknown before they are read.
     let films = Rig::new(2);
     films.as_videos(&[2; 6]);
-    let mut late = films.video(&["--camera", "cam2", "-o", &films.folders.out("frames"), "--frames", "9.."]);
+    let mut late = films.video(&["--camera", "cam2", "-o", &films.folders.out("frames"), "--frames", "9:"]);
     films
         .folders
         .assert_refused(late.env("PATH", ffmpeg(&films.folders, "")), &["no camera has a frame from time step 9 on"]);
     // Too few cameras at every step of the range.
     (0..6).for_each(|camera| (9..11).for_each(|frame| fs::write(rig.frame(camera, frame), "").unwrap()));
-    refused(&["--frames", "9..11"], &["no frame could be rendered", "cam0: ", "009.png"]);
+    refused(&["--frames", "9:11"], &["no frame could be rendered", "cam0: ", "009.png"]);
 }
 
 #[test]

@@ -34,12 +34,12 @@ fn held_out_camera_is_rendered_and_scored() {
 fn paths_poses_and_ranges_choose_the_frames() {
     let rig = Rig::new(5);
     let out = rig.folders.out("frames");
-    let report = rig.report(&["--path", "line:3", "--policy", "every:2", "--frames", "1..", "-o", &out]);
+    let report = rig.report(&["--path", "line:3", "--policy", "every:2", "--frames", "1:", "-o", &out]);
     assert_eq!((report["rendered"].as_u64(), &report["mean"]["psnr"]), (Some(4), &Value::Null));
     assert_eq!(report["layers_from"], serde_json::json!({ "searched": 2, "propagated": 2 }));
     let poses = rig.folders.out("poses.json");
     fs::write(&poses, r#"[{"cam_from_world": [[1, 0, 0, -0.25], [0, -1, 0, 0], [0, 0, -1, 0]]}]"#).unwrap();
-    let report = rig.report(&["--poses", &poses, "--layers", "select:16/64", "--frames", "..2", "-o", &out]);
+    let report = rig.report(&["--poses", &poses, "--layers", "select:16/64", "--frames", ":2", "-o", &out]);
     assert_eq!(report["layers_from"], serde_json::json!({ "dense": 1, "selected": 1 }));
     assert_eq!((&report["layers"], &report["policy"]), (&"select:16/64".into(), &"once".into()));
 }
@@ -250,7 +250,7 @@ fn stalled_live_camera_is_left_out() {
 fn memory_does_not_grow_with_the_length() {
     let rig = Rig::new(300);
     let (out, log) = (rig.folders.out("frames"), rig.folders.out("log.json"));
-    for options in [&[][..], &["--layers", "surface:1", "--policy", "each", "--frames", "..150"]] {
+    for options in [&[][..], &["--layers", "surface:1", "--policy", "each", "--frames", ":150"]] {
         rig.report(&[&["--camera", "cam2", "-o", &out, "--log", &log], options].concat());
         let memory: Vec<f64> = lines(&log).iter().map(|line| line["memory_bytes"].as_f64().unwrap()).collect();
         let quarter = memory.len() / 4;

@@ -6,6 +6,7 @@ mod record;
 mod summary;
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +16,6 @@ use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
 use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, agreement, guessed};
 
-use crate::args::numbers::FrameRange;
 use crate::args::{ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, named, numbers};
 use crate::console::{Output, escaped, print_message, print_notes};
 use crate::interrupt::{self, Interrupted};
@@ -40,11 +40,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     targets.held_out.extend(named(job.synthesizer.scene(), &args.holdout)?);
     let moving = targets.moving;
     let all = job.synthesizer.shots(targets)?;
-    let frames = args.frames.clone().unwrap_or(0..all.len());
-    if frames.end > all.len() {
+    let mut frames = args.frames.clone().unwrap_or(0..all.len());
+    if frames.end == usize::MAX {
+        frames.end = all.len();
+    }
+    if frames.end > all.len() || frames.is_empty() {
         bail!("--frames {}:{}: the path has {} frames; expected B up to {2}", frames.start, frames.end, all.len());
     }
-    let shots = all[frames].to_vec();
+    let shots = all[frames.clone()].to_vec();
     let mut output_plan = OutputPlan::new(job.synthesizer.scene());
     let (option, file) = args.targets.camera_file();
     output_plan.protect(option, file);
@@ -69,7 +72,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     check_coverage(&done, args)?;
     warn_of_disagreement(&done);
     let video = outputs.finish(&all)?;
-    let share = args.frames.clone().map(|frames| (frames, all.len()));
+    let share = args.frames.as_ref().map(|_| (frames.clone(), all.len()));
     let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
     if let Some(file) = &args.scores {
         output.text += &summary::write_scores(file, &done)?;
@@ -112,8 +115,7 @@ fn warn_of_disagreement(done: &[Rendered]) {
 }
 
 fn no_coverage(args: &RenderArgs) -> Error {
-    let (scene, targets) = (args.scene.folder().display(), &args.targets);
-    anyhow!("{scene}, {targets}: no view covers any of it; {EXPECTED_COVERAGE}")
+    anyhow!("{}: no view covers any of the targets; {EXPECTED_COVERAGE}", args.scene.folder().display())
 }
 
 /// Renders and writes `shots`, out of `all` shots of the job, except those that an earlier run has
@@ -238,7 +240,7 @@ pub(crate) struct RenderArgs {
     /// They are the same as in the whole path, and have the same names: several runs can write to one folder.
     #[arg(long, value_name = "A:B", value_parser = numbers::frame_range, conflicts_with_all = ["target", "heldout", "pose"])]
     #[arg(help_heading = ADVANCED, hide_short_help = true)]
-    frames: Option<FrameRange>,
+    frames: Option<Range<usize>>,
     /// Print which layers were used and skipped and where the time went, and draw the layers; for
     /// one target
     ///

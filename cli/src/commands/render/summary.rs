@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,7 +11,6 @@ use liveview_live::peak_memory;
 use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 
-use crate::args::numbers::FrameRange;
 use crate::args::{has_extension, write_atomically};
 use crate::console::{Output, counted, escaped, path_text};
 use crate::job::{Job, Times, time_text};
@@ -24,7 +24,7 @@ pub(super) fn rendered(
     job: &Job,
     done: &[Rendered],
     moving: bool,
-    share: Option<(FrameRange, usize)>,
+    share: Option<(Range<usize>, usize)>,
     video: Option<PathBuf>,
     explanation: Option<Output>,
 ) -> Output {

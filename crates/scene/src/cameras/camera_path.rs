@@ -2,7 +2,6 @@
 //! point that the views' optical axes converge on.
 
 use std::f64::consts::TAU;
-use std::fmt;
 use std::str::FromStr;
 
 use glam::{DMat3, DQuat, DVec3};
@@ -20,7 +19,6 @@ const SPIRAL_TURNS: f64 = 2.0;
 #[derive(Debug, Clone, Copy)]
 pub struct CameraPath {
     shape: Shape,
-    name: &'static str,
     frames: usize,
 }
 
@@ -52,16 +50,10 @@ impl FromStr for CameraPath {
     fn from_str(text: &str) -> Result<Self, String> {
         let (shape, frames) = text.split_once(':').unwrap_or((text, ""));
         let known = SHAPES.into_iter().find(|(name, _)| *name == shape);
-        let (name, shape) = known.ok_or("expected line:N, circle:N or spiral:N, with N frames")?;
+        let (_, shape) = known.ok_or("expected line:N, circle:N or spiral:N, with N frames")?;
         let frames = frames.parse().ok().filter(|frames| (1..=MAX_FRAMES).contains(frames));
         let wrong = || format!("N in {text}: expected a whole number from 1 to {MAX_FRAMES}");
-        Ok(Self { shape, name, frames: frames.ok_or_else(wrong)? })
-    }
-}
-
-impl fmt::Display for CameraPath {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}", self.name, self.frames)
+        Ok(Self { shape, frames: frames.ok_or_else(wrong)? })
     }
 }
 
