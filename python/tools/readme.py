@@ -33,7 +33,6 @@ def figures() -> None:
 def parity() -> str:
     """The table of docs/parity.md."""
     command = [sys.executable, "-m", "liveview_ref.parity", f"../{SCENE}", "--target", "target_0"]
-    command += ["--layers", "guided:4"]
     return subprocess.run(command, cwd=ROOT / "python", check=True, capture_output=True, text=True).stdout.strip()
 
 

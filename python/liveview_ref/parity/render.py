@@ -20,7 +20,7 @@ from ..reference.surface.depth_range import found_range
 from ..reference.surface.photo_depth import PhotoDisparity
 from ..reference.surface.render import neighbours_of
 from ..reference.undistort import Distortion, undistort
-from ..reference.views import choose_views
+from ..reference.views import with_helpers
 from ..rig_arrays import Arrays
 from . import stages, surface
 from .compared import HEAD, TOLERANCES, Compared, exact, joined, row
@@ -83,12 +83,9 @@ def camera_of(camera) -> Camera:
 
 def choice(rendered: Rendered) -> Compared:
     cameras = [camera_of(rendered.scene.cameras[view]) for view in rendered.free]
-    views, photos = (
-        choose_views(cameras, rendered.target, count)
-        for count in (rendered.data["coverage"].shape[1], len(rendered.photos))
-    )
-    helpers = [i for i in photos if i not in views]
-    return exact("views", rendered.data["shot.photos"], [rendered.free[i] for i in views + helpers])
+    count = rendered.data["coverage"].shape[1]
+    chosen = with_helpers(cameras, rendered.target, count, len(rendered.photos) - count)
+    return exact("views", rendered.data["shot.photos"], [rendered.free[i] for i in chosen])
 
 
 def known_range(rendered: Rendered, views: list[int]) -> tuple[float, float] | None:

@@ -55,6 +55,13 @@ def choose_views(cameras: list[Camera], target: Camera, count: int, kept: Sequen
     return [pool[i] for i in sorted(chosen)]
 
 
+def with_helpers(cameras: list[Camera], target: Camera, count: int, helpers: int) -> list[int]:
+    """The views to render from, then up to so many more that only help to find depth."""
+    views = choose_views(cameras, target, count)
+    more = min(count + helpers, len(nearest_first(cameras, target)))
+    return views + [i for i in choose_views(cameras, target, more) if i not in views]
+
+
 def focus(cameras: list[Camera], target: Camera) -> float:
     """Depth (scene units) at which the cameras' optical axes come closest to the target's: the
     median of those in front of both; ten times their median distance if that is at most half of

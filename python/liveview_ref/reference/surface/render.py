@@ -1,7 +1,7 @@
 """The default picture, which needs no network: layers along the surface that the photos' depth
 gives.
 
-1. The photos nearest to the target: those to render from, and a few that only help to find depth.
+1. The photos that show the target: those to render from, and a few that only help to find depth.
 2. The depth of each, searched among its nearest photos (anchored_depth.py); confirmed by the
    others, edges moved to the nearer side, confirmed again (fusion.py).
 3. Exposure and sharpness brought to one (correction.py).
@@ -19,7 +19,7 @@ from ..competing import composite_competing
 from ..layers import warp_maps
 from ..liveview import Camera, Composited, Intermediates, blend, view_distances
 from ..view_agreement import agreement_logits
-from ..views import nearest_first
+from ..views import nearest_first, with_helpers
 from .anchored_depth import anchored_depth
 from .correction import CORRECTED_POWER, corrected, exposure_gains, sharpening
 from .fusion import ConfirmedDisparity, SurfaceView, confirmed, nearer_edges
@@ -90,7 +90,7 @@ def render(
     far, cropped to the target's size; the intermediates are not. alpha is that of the paper, which
     the competing composite does not use. `search` finds the depth of a photo among others."""
     cameras = [camera for _, camera in photos]
-    chosen = nearest_first(cameras, target)[: views + EXTRA_PHOTOS]
+    chosen = with_helpers(cameras, target, views, EXTRA_PHOTOS)
     depths = [search(photos[i], [photos[j] for j in neighbours_of(cameras, i)], near, far) for i in chosen]
     around = confirmed_views([photos[i] for i in chosen], depths)
     distances = view_distances([v.camera for v in around], target)
