@@ -115,7 +115,9 @@ fn warn_of_disagreement(done: &[Rendered]) {
 }
 
 fn no_coverage(args: &RenderArgs) -> Error {
-    anyhow!("{}: no view covers any of the targets; {EXPECTED_COVERAGE}", args.scene.folder().display())
+    let (option, file) = args.targets.camera_file();
+    let from = file.map(|file| format!(", {option} {}", file.display())).unwrap_or_default();
+    anyhow!("{}{from}: no view covers any of the targets; {EXPECTED_COVERAGE}", args.scene.folder().display())
 }
 
 /// Renders and writes `shots`, out of `all` shots of the job, except those that an earlier run has
