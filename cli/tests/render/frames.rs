@@ -95,9 +95,9 @@ fn ranges_outside_the_path_are_refused() {
         let more = ["--network", "none", "-o", &out];
         folders.assert_refused(&mut folders.liveview("render", &[targets, &more].concat()), words);
     };
-    for wrong in ["3", "3:3", "4:3", "-1:3", "a:b", "1:2:3", ":3", "1:", ""] {
+    for wrong in ["3", "3:3", "4:3", "-1:3", "a:b", "1:2:3", ""] {
         let frames = format!("--frames={wrong}");
-        refused(&["--path", "line:6", &frames], &["--frames", "expected A:B with whole numbers, A below B"]);
+        refused(&["--path", "line:6", &frames], &["--frames", "expected A:B, A: or :B with whole numbers, A below B"]);
     }
     refused(&["--path", "line:6", "--frames", "4:7"], &["--frames 4:7", "the path has 6 frames", "expected B up to 6"]);
     refused(&["--target", "2", "--frames", "0:1"], &["--frames", "cannot be used with", "--target"]);

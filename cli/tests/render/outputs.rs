@@ -253,8 +253,8 @@ fn frames_of_an_earlier_run_are_reported() {
     assert!(report.contains(" holds 2 other pictures, ") && report.contains("frame_0003.png"), "{report}");
     let frames = folders.out("film");
     let film = |range: &str| succeeds(&mut video(&folders, &["--frames", range, "-o", &frames]));
-    assert!(!film("..4").contains("other pictures"));
-    let report = film("..1");
+    assert!(!film(":4").contains("other pictures"));
+    let report = film(":1");
     assert!(report.contains(" holds 3 other pictures, ") && report.contains("frame_000001.png"), "{report}");
 }
 
