@@ -7,8 +7,8 @@
 //! both are identical. A held-out photo is part of no key, as it is no photo's neighbour.
 //!
 //! The digest is the SHA-256 of, in this order and all numbers little-endian: the text `FORMAT`, the program's
-//! version, the CPU's architecture and vector instructions, which round differently (each text
-//! after its length in bytes, u64); the constants of the search (`SEARCH_CONSTANTS`, f64); near
+//! version, the CPU's architecture (each text after its length in bytes, u64; the same bits come from
+//! all vector instructions of one); the constants of the search (`SEARCH_CONSTANTS`, f64); near
 //! and far (f64); the number of photos in the list (u64); and for each of them its size (two u64), fx,
 //! fy, cx, cy, skew, rotation (rows), translation (f64) and the [`PhotoDigest`]. The list: the photo and
 //! its neighbours, nearest first; then each neighbour and its own.
@@ -141,8 +141,7 @@ impl DepthKey {
     /// Without a photo.
     pub fn new(photos: &[(&Camera, PhotoDigest)], (near, far): (f64, f64)) -> Self {
         let mut hash = Sha256::new();
-        let machine = format!("{} {:?}", std::env::consts::ARCH, liveview::simd::arch());
-        for text in [FORMAT, env!("CARGO_PKG_VERSION"), &machine] {
+        for text in [FORMAT, env!("CARGO_PKG_VERSION"), std::env::consts::ARCH] {
             hash.update((text.len() as u64).to_le_bytes());
             hash.update(text);
         }
