@@ -1,7 +1,7 @@
-"""Make tests/scenes/walls, on which live parity compares what the example scene does not reach:
-walls without texture, narrow things before them, holes, soft photos, a thing that moves.
+"""Make this scene, on which live parity compares what the example scene does not reach: walls
+without texture, narrow things before them, holes, soft photos, a thing that moves.
 
-Usage, in python/: python -m tools.make_parity_scene
+Usage: python tests/scenes/walls/scene.py
 """
 
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageFilter
 
-OUT = Path(__file__).resolve().parents[2] / "tests" / "scenes" / "walls"
+OUT = Path(__file__).resolve().parent
 W, H, FOCAL = 96, 72, 84.0
 S = 3  # rays across a pixel
 CHANGES = -1.0
