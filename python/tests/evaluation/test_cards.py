@@ -1,4 +1,4 @@
-"""The shipped models: weights, metadata, records, and the tables of models/README.md."""
+"""The shipped models: weights, metadata, and records."""
 
 import onnx
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from liveview_ref.checkpoint import load_network, load_state, model_card, records, trained_network
 from liveview_ref.export import check
 from liveview_ref.paths import MODELS
-from tools import cards
 
 
 @pytest.mark.parametrize("path", sorted(MODELS.glob("*.onnx")), ids=lambda path: path.stem)
@@ -39,12 +38,3 @@ def test_state_of_a_model_gives_its_network_back():
     state = load_state(path)
     assert state["views"] == 5 and state["step"] == 700
     assert check(trained_network(state), path) < 3e-6
-
-
-def test_models_of_one_v_have_separate_rows():
-    history = [{"step": 1, "seconds": 2, "a": 20.0}, {"step": 3, "seconds": 4, "a": 21.0, "b": 22.0}]
-    state = {"views": 4, "step": 3, "seconds": 240, "earlier": [(4, 10, 60)], "history": history}
-    table = cards.trained({"4": state, "4, planes": state}).splitlines()
-    assert [row.split("|")[1].strip() for row in table[2:]] == ["4", "4, planes"]
-    assert table[2] == "| 4 | 10 + 3 | 1 + 4 | a: 21.00, b: 22.00 |"
-    assert cards.curves("4, planes", state).curves == {"a": [(1, 20.0), (3, 21.0)], "b": [(3, 22.0)]}

@@ -1,5 +1,4 @@
-"""README.md and docs/: their commands run as printed, their links exist, README.md is
-within its limits."""
+"""README.md and docs/: their commands run as printed, their links exist."""
 
 import os
 import re
@@ -23,7 +22,6 @@ PAGES = [
 ]
 COMMAND_PAGES = ["README.md", "docs/usage.md", "docs/viewer.md", "docs/live-video.md"]
 COMMAND_PAGES += ["docs/benchmarks.md"]
-MOST_LINES, MOST_WORDS, WIDEST = 130, 1100, 110
 NEEDS_FFMPEG = ".mp4", "ffplay"
 
 
@@ -93,15 +91,6 @@ def answers_over_http(command: str, clone: Path) -> None:
         finally:
             server.send_signal(signal.SIGINT)
             server.wait(30)
-
-
-def test_readme_is_within_its_limits():
-    text = (ROOT / "README.md").read_text()
-    assert len(text.splitlines()) <= MOST_LINES and len(text.split()) <= MOST_WORDS
-    wide = [
-        line for line in text.splitlines() if len(line) > WIDEST and not line.startswith("[")
-    ]  # a link cannot be wrapped
-    assert not wide, wide
 
 
 @cache
