@@ -1,4 +1,5 @@
-//! PNG, JPEG, WebP, TIFF and BMP files, read to interleaved f32 RGB; PNG and JPEG written.
+//! PNG and JPEG files, read to interleaved f32 RGB, and written; WebP, TIFF and BMP are read where a program has these
+//! features of the crate `image`, as all with `liveview-scene` have.
 //!
 //! Colours are sRGB values in [0, 1] as stored in the file (no linearisation). Transparent pixels are
 //! composited on a background. The EXIF orientation is ignored, as in COLMAP and other pose estimators,
