@@ -79,13 +79,13 @@ test-browser: build runtime
 	@command -v $(NPM) > /dev/null || { echo "test-browser: npm is missing; expected Node 20 or later" >&2; exit 2; }
 	cd tests/browser && $(NPM) ci --silent && LIVEVIEW_DATA=$(abspath $(DATA)) node test.js $(SCENES)
 
-## Every stage of the example scene: Rust and float32 torch against float64. The depth of the same photos is searched once.
+## Every stage of a picture: Rust and float32 torch against float64. The search is compared on a small scene that takes every decision.
 PARITY = export $(KEEP_MEMORY) && $(PY) liveview_ref.parity ../$(SCENE)
 parity: wheel
 	$(PARITY) --target target_0 --layers guided:4
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
-	$(PARITY) --target target_0
+	$(PARITY) --target target_0 --search-width 0
 	$(PARITY) --target target_0 --layers surface:2 --network model --search-width 0
 	$(PARITY) --target target_0 --layers planes:32 --alpha competing
 	$(PARITY:workshop=walls) --target target --both-ways
