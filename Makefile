@@ -69,7 +69,7 @@ lint: setup
 ## Rust tests; ignored tests whose data is installed run as well.
 test-rust: runtime build
 	cargo test --release --locked
-	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked -p liveview-synthesizer --test scenes -- --ignored
+	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scenes -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
 test-python: test-python-binding test-python-others
