@@ -152,8 +152,8 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let read = rig.cameras_for(&viewpoint.cameras, &free, (fewest, views + SPARE_CAMERAS))?;
     let of_read: Vec<&Camera> = rig.views.cameras(&read).collect();
     // A thread reads each camera; others match them by time, render and write.
-    if let Err(error) = check_video(&of_read, viewpoint.camera(0).size(), read.len() + 3) {
-        let (target, count, size) = (viewpoint.camera(0).size(), read.len(), of_read[0].size());
+    let (target, count, size) = (viewpoint.camera(0).size(), read.len(), of_read[0].size());
+    if let Err(error) = check_video(&of_read, target, count + 3) {
         bail!("a video of {target} from {count} cameras such as {size} {error}; expected smaller photos");
     }
     let (near, far) = rig.views.depth_range(&read, &[])?;
@@ -213,8 +213,9 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         changes: Vec::new(),
         bar: &bar,
     };
-    let (played, file) = player.play(&gathering, sink)?;
+    let played = player.play(&gathering, sink);
     bar.finish_and_clear();
+    let (played, file) = played?;
     let frames = played.written.frames;
     if is_folder {
         let written: HashSet<PathBuf> = (0..frames).map(|index| frame_file(&args.output, index)).collect();
