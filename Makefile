@@ -43,7 +43,7 @@ setup: $(VENV)/.setup $(WITH:%=setup-%)
 
 ## Removes everything that make has created.
 clean:
-	rm -rf target out $(VENV) .venv-openvino .venv-cuda .venv-ray tests/fuzz/target tests/fuzz/corpus tests/fuzz/artifacts
+	rm -rf target out $(VENV) .venv-openvino .venv-cuda .venv-ray tests/fuzz/corpus tests/fuzz/artifacts
 
 ### Check
 
@@ -53,6 +53,7 @@ test:
 	$(MAKE) --jobs=2 lint test-python test-rust parity
 
 ## rustfmt, clippy, rustdoc, ruff, import-linter, and the fuzz targets compiled; warnings are errors.
+# Nothing of the fuzz targets is linked, so libFuzzer is not built.
 lint: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
@@ -60,7 +61,7 @@ lint: setup
 	cargo clippy --locked -p liveview-cli --no-default-features -- -D warnings
 	cargo clippy --locked -p liveview --no-default-features -- -D warnings
 	cargo clippy --locked -p liveview-python -- -D warnings
-	$(CHECK_FUZZ)
+	CUSTOM_LIBFUZZER_PATH=/dev/null cargo clippy --locked -p liveview-fuzz -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items
 	$(BIN)/ruff check $(RUFF)
 	$(BIN)/ruff format --check $(RUFF)
@@ -72,7 +73,7 @@ test-rust: runtime build
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scenes -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
-test-python: test-python-binding test-python-others
+test-python: test-python-others test-python-binding
 
 ## The page of `bake` and `view`, in a headless Chromium that npm fetches (Node 20 or later), with software WebGL. Not part of `test`.
 test-browser: build runtime
@@ -128,8 +129,3 @@ models: models-$(or $(STEP),evaluate)
 paper: paper-$(or $(STEP),report)
 
 include python/steps.mk
-
-# The fuzz targets on stable Rust, in a folder of their own, because the flag would rebuild everything. Nothing is linked, so
-# libFuzzer is not built.
-CHECK_FUZZ = CUSTOM_LIBFUZZER_PATH=/dev/null RUSTFLAGS="--cfg fuzzing" cargo check --locked --manifest-path tests/fuzz/Cargo.toml \
-	--target-dir target/fuzzing

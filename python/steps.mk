@@ -14,7 +14,7 @@ $(VENV)/.setup: python/requirements.txt python/constraints.txt $(VENV)/.runtime
 .PHONY: wheel
 
 ## The Python package liveview (docs/python.md): target/wheels.
-wheel: setup
+wheel: setup build
 	$(BIN)/maturin build --quiet --release --locked --manifest-path crates/python/Cargo.toml --out target/wheels
 
 # --- make test-python, in two parts that may run side by side ---

@@ -1,4 +1,4 @@
-//! Entry points of the fuzz targets in `tests/fuzz`. Only cargo-fuzz compiles this module.
+//! Entry points of the fuzz targets in `tests/fuzz`.
 
 use std::path::Path;
 

@@ -61,7 +61,7 @@
 //! - `download-binaries`: ONNX Runtime is downloaded and linked at build time instead; needs
 //!   `--no-default-features`.
 
-#[cfg(fuzzing)]
+#[cfg(feature = "fuzzing")]
 pub mod fuzz;
 pub mod geometry;
 pub mod image;

@@ -11,11 +11,11 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayView4, ArrayViewMut4};
 
-#[cfg(fuzzing)]
+#[cfg(feature = "fuzzing")]
 pub(crate) use self::ort::check_outlets;
 pub use self::ort::{OrtNetwork, RunEnd};
 pub use execution_provider::{ExecutionProvider, Precision, cpu_has_bf16};
-#[cfg(fuzzing)]
+#[cfg(feature = "fuzzing")]
 pub(crate) use model_card::read_card;
 pub use model_card::{Alpha, AlphaKind, ModelCard};
 pub use ort_library::{OrtLibrary, OrtLibraryError};

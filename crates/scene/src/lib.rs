@@ -41,7 +41,7 @@ use undistort::{Distortion, undistort};
 use view::{DeclaredView, DeclaredViews};
 
 pub use error::SceneError;
-#[cfg(fuzzing)]
+#[cfg(feature = "fuzzing")]
 pub use formats::fuzz;
 pub use photo_folder::PhotoFolder;
 pub use photos::{Found, ListedPhoto, Photo, PhotoList, PhotoSource, load_photo, save_picture};

@@ -266,7 +266,11 @@ fn check(depth: &PhotoDisparity, key: &DepthKey) -> Result<(), String> {
 }
 
 /// Reads the file of a depth of 7×5 pixels between 2 and 8, the bytes of its key all 7.
-#[cfg(fuzzing)]
+///
+/// # Errors
+///
+/// What is damaged.
+#[cfg(feature = "fuzzing")]
 pub fn read_for_fuzzing(bytes: &[u8]) -> Result<PhotoDisparity, String> {
     let size = liveview::geometry::Size::new(7, 5);
     read(bytes, &DepthKey { digest: [7; 32], size, near: 2.0, far: 8.0 }).map_err(|damage| damage.to_string())

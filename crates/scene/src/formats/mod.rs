@@ -1,7 +1,7 @@
 //! One module per format; each reads its files into [`DeclaredViews`].
 
 mod colmap;
-#[cfg(fuzzing)]
+#[cfg(feature = "fuzzing")]
 pub mod fuzz;
 mod gaussians;
 mod llff;
