@@ -88,7 +88,7 @@ parity: wheel
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
 	$(PARITY) --target target_0 --search-width 0
 	$(PARITY) --target target_0 --layers surface:2 --network model --search-width 0
-	$(PARITY) --target target_0 --layers planes:32 --alpha competing
+	$(PARITY) --target target_0 --layers planes:16 --alpha competing
 	$(PARITY:workshop=walls) --target target --both-ways
 	$(STABILITY) --short > target/stability.md
 	test ! -e .venv-openvino/.runtime || for precision in f32 int8; do \
