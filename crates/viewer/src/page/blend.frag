@@ -1,7 +1,7 @@
 // The picture: nearest, middle and farthest of 3×3 disparities as layers; on each the photos that see the point, by distance and by how well they
 // agree (crates/synthesizer/src/agreement.rs); the layers by how well their photos agree. Alpha 0 where no photo sees anything.
-uniform sampler2D surface, photo0, photo1, photo2, photo3, photo4;
-uniform usampler2D code0, code1, code2, code3, code4;
+uniform sampler2D surface, photos[5];
+uniform usampler2D codes[5];
 uniform int count;
 uniform float largest; // disparity of 1 in `surface`
 uniform float fine; // layers closer than this are one, share of `largest`
@@ -31,11 +31,11 @@ void sampled(int i, sampler2D photo, usampler2D code, vec2 pixel, float disparit
 // Colour, and in alpha the agreement; below 0 where no photo sees it.
 vec4 layer(vec2 pixel, float disparity) {
   for (int i = 0; i < 5; i++) seen[i] = 0.0;
-  sampled(0, photo0, code0, pixel, disparity);
-  if (count > 1) sampled(1, photo1, code1, pixel, disparity);
-  if (count > 2) sampled(2, photo2, code2, pixel, disparity);
-  if (count > 3) sampled(3, photo3, code3, pixel, disparity);
-  if (count > 4) sampled(4, photo4, code4, pixel, disparity);
+  sampled(0, photos[0], codes[0], pixel, disparity);
+  if (count > 1) sampled(1, photos[1], codes[1], pixel, disparity);
+  if (count > 2) sampled(2, photos[2], codes[2], pixel, disparity);
+  if (count > 3) sampled(3, photos[3], codes[3], pixel, disparity);
+  if (count > 4) sampled(4, photos[4], codes[4], pixel, disparity);
   float number = seen[0] + seen[1] + seen[2] + seen[3] + seen[4];
   if (number <= 0.0) return vec4(0.0, 0.0, 0.0, -1.0);
   float agreement[5] = float[5](seen[0], seen[1], seen[2], seen[3], seen[4]);
