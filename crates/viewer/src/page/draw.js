@@ -9,8 +9,9 @@ const CLOSER = 8;
 // Photos whose textures stay.
 const KEPT_TEXTURES = 32;
 // Texture reads a pixel, at most: six depths fused, one filled, 3×3 disparities, on three layers a colour and a depth of four photos each, the picture
-// shown, with a smaller one in its holes, and those of the smaller sizes; while a fifth photo fades in there are two layers.
-const READS = 6 + 1 + 9 + 24 + 2 + 3;
+// shown, and of smaller sizes, a third as many pixels, five each for the depth and for the picture. A hole of the depth takes four more, but has two
+// layers; so has all while a fifth photo fades in.
+const READS = 6 + 1 + 9 + 24 + 1 + 4;
 // Texture units of the shaders' samplers.
 const UNITS = { own: 0, smaller: 1, surface: 2, photo: 3, depths: 4, photos: 4, codes: 10, code: 10 };
 
@@ -163,7 +164,8 @@ class Drawer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  // Fills the holes of the first of `levels` from its means at half, a quarter … of the size; `into` gets all sizes without holes, from `first` on.
+  // Fills the holes of the first of `levels` from its means at half, a quarter … of the size; `into` gets all sizes without holes, from `first` on. What
+  // is not sure stays at the full size alone.
   fillHoles(levels, into, packed, first) {
     for (let i = 1; i < levels.length; i += 1) {
       this.bind(UNITS.own, levels[i - 1].texture);
@@ -172,7 +174,7 @@ class Drawer {
     for (let i = levels.length - 2; i >= first; i -= 1) {
       this.bind(UNITS.own, levels[i].texture);
       this.bind(UNITS.smaller, i === levels.length - 2 ? levels[i + 1].texture : into[i + 1].texture);
-      this.pass(into[i], this.fill, { packed });
+      this.pass(into[i], this.fill, { packed, least: i > 0 ? 0.6 : 0 });
     }
   }
 
@@ -222,7 +224,7 @@ class Drawer {
       // Nothing is known yet: a plane in the middle.
       const share = (1 / near + (far ? 1 / far : 0)) / 2 / largest;
       gl.bindFramebuffer(gl.FRAMEBUFFER, filled[0].frame);
-      gl.clearColor(share, 0, 0, 0.5);
+      gl.clearColor(share, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT);
     }
     const nearest = Math.min(...distances.filter((d) => d > 0), Infinity);
@@ -243,6 +245,7 @@ class Drawer {
       this.bind(UNITS.codes + i, slots[i]?.photo.code ?? this.noCode);
     }
     this.bind(UNITS.surface, filled[0].texture);
+    this.bind(UNITS.smaller, filled[1].texture);
     this.pass(pictures[0], this.blend, {
       H: ["uniformMatrix3fv", values.H], count: ["uniform1i", slots.length], largest, fine: (0.25 * pixel) / largest, three,
       e: ["uniform3fv", values.e], sizes: ["uniform2fv", values.sizes], gains: ["uniform4fv", values.gains], scales: ["uniform4fv", values.scales],
