@@ -401,7 +401,7 @@ element("play").onclick = () => {
 };
 element("step").oninput = () => {
   step = Number(element("step").value);
-  [playing, needed] = [false, true];
+  [playing, needed, wantedAt] = [false, true, -Infinity];
   showStep();
 };
 addEventListener("keydown", (event) => {
