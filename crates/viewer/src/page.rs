@@ -14,7 +14,6 @@ const SCRIPT: &str = concat!(
     include_str!("page/maths.js"),
     include_str!("page/choose.js"),
     include_str!("page/photo.js"),
-    include_str!("page/cells.js"),
     include_str!("page/draw.js"),
     include_str!("page/source.js"),
     include_str!("page/input.js"),
@@ -25,8 +24,8 @@ const SCRIPT: &str = concat!(
 );
 const SHADERS: [(&str, &str); 10] = [
     ("common.glsl", include_str!("page/common.glsl")),
-    ("cells.vert", include_str!("page/cells.vert")),
-    ("cells.frag", include_str!("page/cells.frag")),
+    ("points.vert", include_str!("page/points.vert")),
+    ("points.frag", include_str!("page/points.frag")),
     ("screen.vert", include_str!("page/screen.vert")),
     ("fuse.frag", include_str!("page/fuse.frag")),
     ("shrink.frag", include_str!("page/shrink.frag")),

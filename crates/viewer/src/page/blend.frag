@@ -1,11 +1,12 @@
-// The picture: nearest, middle and farthest of 3×3 disparities as layers; on each the photos that see the point, by distance and by how well they
-// agree (crates/synthesizer/src/agreement.rs); the layers by how well their photos agree. Alpha 0 where no photo sees anything.
-uniform sampler2D surface, photo0, photo1, photo2, photo3, photo4;
-uniform usampler2D code0, code1, code2, code3, code4;
+// The picture: nearest, middle and farthest of 3×3 disparities as layers; where no photo confirms the disparity, it and that of what is confirmed
+// around. On each the photos that see the point, by distance and by how well they agree (crates/synthesizer/src/agreement.rs); the layers by how well
+// their photos agree. Alpha 0 where no photo sees anything.
+uniform sampler2D surface, smaller, photos[5]; // `smaller`: the surface at half the size, of what is confirmed
+uniform usampler2D codes[5];
 uniform int count;
 uniform float largest; // disparity of 1 in `surface`
 uniform float fine; // layers closer than this are one, share of `largest`
-uniform bool three; // whether the middle is a layer where nearest and farthest differ from it
+uniform bool three; // whether the middle of what is confirmed is a layer where nearest and farthest differ from it
 uniform mat3 H[5]; // photo from target: H p + d e
 uniform vec3 e[5];
 uniform vec2 sizes[5]; // of the photos, pixels
@@ -31,11 +32,11 @@ void sampled(int i, sampler2D photo, usampler2D code, vec2 pixel, float disparit
 // Colour, and in alpha the agreement; below 0 where no photo sees it.
 vec4 layer(vec2 pixel, float disparity) {
   for (int i = 0; i < 5; i++) seen[i] = 0.0;
-  sampled(0, photo0, code0, pixel, disparity);
-  if (count > 1) sampled(1, photo1, code1, pixel, disparity);
-  if (count > 2) sampled(2, photo2, code2, pixel, disparity);
-  if (count > 3) sampled(3, photo3, code3, pixel, disparity);
-  if (count > 4) sampled(4, photo4, code4, pixel, disparity);
+  sampled(0, photos[0], codes[0], pixel, disparity);
+  if (count > 1) sampled(1, photos[1], codes[1], pixel, disparity);
+  if (count > 2) sampled(2, photos[2], codes[2], pixel, disparity);
+  if (count > 3) sampled(3, photos[3], codes[3], pixel, disparity);
+  if (count > 4) sampled(4, photos[4], codes[4], pixel, disparity);
   float number = seen[0] + seen[1] + seen[2] + seen[3] + seen[4];
   if (number <= 0.0) return vec4(0.0, 0.0, 0.0, -1.0);
   float agreement[5] = float[5](seen[0], seen[1], seen[2], seen[3], seen[4]);
@@ -60,8 +61,12 @@ vec4 layer(vec2 pixel, float disparity) {
 }
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy), last = textureSize(surface, 0) - 1;
-  float d[9];
-  for (int i = 0; i < 9; i++) d[i] = unpack(texelFetch(surface, clamp(p + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0).rgb);
+  float d[9], own, sure;
+  for (int i = 0; i < 9; i++) {
+    vec4 found = texelFetch(surface, clamp(p + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
+    d[i] = unpack(found.rgb);
+    if (i == 4) own = d[i], sure = found.a;
+  }
   // Sorted as far as the median.
   for (int i = 0; i < 5; i++) {
     for (int j = i + 1; j < 9; j++) {
@@ -71,9 +76,14 @@ void main() {
     }
   }
   float far = d[0], middle = d[4], near = max(max(d[5], d[6]), max(d[7], d[8]));
+  if (sure > 0.1 && sure < 0.9) {
+    float around = unpack(texelFetch(smaller, p / 2, 0).rgb);
+    near = max(own, around);
+    far = min(own, around);
+  }
   bool plain = near - far <= fine;
   vec4 layers[3];
-  layers[0] = plain || three ? layer(gl_FragCoord.xy, middle * largest) : vec4(0.0, 0.0, 0.0, -1.0);
+  layers[0] = plain || (three && sure > 0.9) ? layer(gl_FragCoord.xy, middle * largest) : vec4(0.0, 0.0, 0.0, -1.0);
   layers[1] = plain ? vec4(0.0, 0.0, 0.0, -1.0) : layer(gl_FragCoord.xy, near * largest);
   layers[2] = plain ? vec4(0.0, 0.0, 0.0, -1.0) : layer(gl_FragCoord.xy, far * largest);
   float best = max(layers[0].a, max(layers[1].a, layers[2].a));

@@ -1,5 +1,5 @@
-// Draws views from photos and their depth, by WebGL 2: the cells of each photo's depth on the target, the depths fused, holes filled from smaller
-// and smaller sizes, then each pixel blended from the photos that see it.
+// Draws views from photos and their depth, by WebGL 2: each photo's depth on the target, the depths fused, holes filled from smaller and smaller
+// sizes, then each pixel blended from the photos that see it.
 
 const SLOTS = 5;
 // Photos whose depth makes the surface: some more, at rest.
@@ -9,9 +9,11 @@ const CLOSER = 8;
 // Photos whose textures stay.
 const KEPT_TEXTURES = 32;
 // Texture reads a pixel, at most: six depths fused, one filled, 3×3 disparities, on three layers a colour and a depth of four photos each, the picture
-// shown, with a smaller one in its holes, and those of the smaller sizes; while a fifth photo fades in there are two layers.
-const READS = 6 + 1 + 9 + 24 + 2 + 3;
-const UNITS = { surface: 0, smaller: 1, photos: 2, codes: 8, photo: 13 };
+// shown, and of smaller sizes, a third as many pixels, five each for the depth and for the picture. A hole of the depth takes four more, but has two
+// layers; so has all while a fifth photo fades in.
+const READS = 6 + 1 + 9 + 24 + 1 + 4;
+// Texture units of the shaders' samplers.
+const UNITS = { own: 0, smaller: 1, surface: 2, photo: 3, depths: 4, photos: 4, codes: 10, code: 10 };
 
 class Drawer {
   // Throws if there is no WebGL 2.
@@ -20,7 +22,7 @@ class Drawer {
     if (!gl) throw new Error("WebGL 2 is missing");
     [this.gl, this.canvas, this.kept, this.targets] = [gl, canvas, [], undefined];
     const program = (vertex, fragment) => this.program(vertex, fragment);
-    this.cells = program("cells.vert", "cells.frag");
+    this.points = program("points.vert", "points.frag");
     this.fuse = program("screen.vert", "fuse.frag");
     this.shrink = program("screen.vert", "shrink.frag");
     this.fill = program("screen.vert", "fill.frag");
@@ -47,9 +49,12 @@ class Drawer {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(`${names}: ${gl.getProgramInfoLog(program)}`);
     const places = {};
+    gl.useProgram(program);
     for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i += 1) {
-      const { name } = gl.getActiveUniform(program, i);
-      places[name.replace("[0]", "")] = gl.getUniformLocation(program, name);
+      const { name, size } = gl.getActiveUniform(program, i);
+      const [plain, place] = [name.replace("[0]", ""), gl.getUniformLocation(program, name)];
+      if (plain in UNITS) gl.uniform1iv(place, Array.from({ length: size }, (_, at) => UNITS[plain] + at));
+      else places[plain] = place;
     }
     return { program, places };
   }
@@ -110,8 +115,8 @@ class Drawer {
       const plain = this.texture(gl.RGBA8, width, height, gl.NEAREST);
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, gl.RGBA, gl.UNSIGNED_BYTE, photo.bitmap);
       const sharp = this.target(gl.RGBA8, width, height, gl.LINEAR, gl.COLOR_ATTACHMENT0, 1 + Math.floor(Math.log2(Math.max(width, height))));
-      this.bind(UNITS.surface, plain);
-      this.pass(sharp, this.sharpen, { photo: ["uniform1i", UNITS.surface], amount });
+      this.bind(UNITS.own, plain);
+      this.pass(sharp, this.sharpen, { amount });
       gl.deleteFramebuffer(sharp.frame);
       gl.deleteTexture(plain);
       photo.texture = sharp.texture;
@@ -122,18 +127,6 @@ class Drawer {
       const { codes, width, height } = photo.depth;
       photo.code = this.texture(gl.R16UI, width, height, gl.NEAREST);
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RED_INTEGER, gl.UNSIGNED_SHORT, codes);
-      photo.meshes = photo.cells.map((cells) => {
-        const [array, buffer] = [gl.createVertexArray(), gl.createBuffer()];
-        gl.bindVertexArray(array);
-        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-        gl.bufferData(gl.ARRAY_BUFFER, cells, gl.STATIC_DRAW);
-        for (const [place, length, from] of [[0, 4, 0], [1, 3, 16]]) {
-          gl.enableVertexAttribArray(place);
-          gl.vertexAttribPointer(place, length, gl.FLOAT, false, 4 * CELL_FLOATS, from);
-          gl.vertexAttribDivisor(place, 1);
-        }
-        return { array, buffer, count: cells.length / CELL_FLOATS };
-      });
     }
   }
 
@@ -141,11 +134,7 @@ class Drawer {
     const { gl } = this;
     gl.deleteTexture(photo.texture ?? null);
     gl.deleteTexture(photo.code ?? null);
-    for (const { array, buffer } of photo.meshes ?? []) {
-      gl.deleteVertexArray(array);
-      gl.deleteBuffer(buffer);
-    }
-    [photo.texture, photo.code, photo.meshes] = [undefined, undefined, undefined];
+    [photo.texture, photo.code] = [undefined, undefined];
   }
 
   use({ program, places }, values) {
@@ -175,22 +164,23 @@ class Drawer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  // Fills the holes of the first of `levels` from its means at half, a quarter … of the size; `into` gets all sizes without holes, from `first` on.
+  // Fills the holes of the first of `levels` from its means at half, a quarter … of the size; `into` gets all sizes without holes, from `first` on. What
+  // is not sure stays at the full size alone.
   fillHoles(levels, into, packed, first) {
     for (let i = 1; i < levels.length; i += 1) {
-      this.bind(UNITS.surface, levels[i - 1].texture);
-      this.pass(levels[i], this.shrink, { larger: ["uniform1i", UNITS.surface], packed });
+      this.bind(UNITS.own, levels[i - 1].texture);
+      this.pass(levels[i], this.shrink, { packed });
     }
     for (let i = levels.length - 2; i >= first; i -= 1) {
-      this.bind(UNITS.surface, levels[i].texture);
+      this.bind(UNITS.own, levels[i].texture);
       this.bind(UNITS.smaller, i === levels.length - 2 ? levels[i + 1].texture : into[i + 1].texture);
-      this.pass(into[i], this.fill, { own: ["uniform1i", UNITS.surface], smaller: ["uniform1i", UNITS.smaller], packed });
+      this.pass(into[i], this.fill, { packed, least: i > 0 ? 0.6 : 0 });
     }
   }
 
-  // Draws a camera from photos. `slots`: [{ photo, weight (0 to 1) }], nearest first; `coarse`: with the coarser cells, and two layers; `near`, `far`:
+  // Draws a camera from photos. `slots`: [{ photo, weight (0 to 1) }], nearest first; `stride`: of the pixels of depth, one of so many across and down; `near`, `far`:
   // depths of the scene; `helpers`: photos whose depth alone is used. What it drew is then shown by `present`.
-  draw(camera, slots, { near, far, helpers = [], coarse = false, three = true }) {
+  draw(camera, slots, { near, far, helpers = [], stride = 1, three = true }) {
     const { gl } = this;
     const [w, h] = [camera.w, camera.h];
     this.prepare(w, h);
@@ -205,17 +195,21 @@ class Drawer {
     gl.disable(gl.BLEND);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LESS);
-    const withDepth = all.filter((photo) => photo.meshes).slice(0, DEPTHS);
+    gl.bindVertexArray(this.empty);
+    const withDepth = all.filter((photo) => photo.code).slice(0, DEPTHS);
     withDepth.forEach((photo, i) => {
       gl.bindFramebuffer(gl.FRAMEBUFFER, depths[i].frame);
       gl.viewport(0, 0, w, h);
       gl.clear(gl.DEPTH_BUFFER_BIT);
-      const mesh = photo.meshes[coarse ? 1 : 0];
       const { H, e } = sweep(camera, photo.camera);
-      this.use(this.cells, { H: ["uniformMatrix3fv", H.flat()], e: ["uniform3fv", e], size: ["uniform2fv", [w, h]], largest });
-      gl.bindVertexArray(mesh.array);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, mesh.count);
-      this.vertices += 4 * mesh.count;
+      const count = Math.floor(photo.depth.width / stride) * Math.floor(photo.depth.height / stride);
+      this.bind(UNITS.code, photo.code);
+      this.use(this.points, {
+        H: ["uniformMatrix3fv", H.flat()], e: ["uniform3fv", e], size: ["uniform2fv", [w, h]], largest,
+        stride: ["uniform1i", stride], unit: photo.depth.step, focal: camera.fl_x / photo.camera.fl_x,
+      });
+      gl.drawArrays(gl.POINTS, 0, count);
+      this.vertices += count;
     });
     gl.disable(gl.DEPTH_TEST);
     // Disparity of a pixel of parallax, in the photo that has most of it.
@@ -223,15 +217,14 @@ class Drawer {
     const smallest = Math.min(...withDepth.map((photo) => photo.depth.pixel));
     const pixel = Math.min(1 / parallax, Number.isFinite(smallest) ? 2 * smallest : Infinity);
     if (withDepth.length > 0) {
-      depths.forEach(({ texture }, i) => this.bind(UNITS.photos + i, texture));
-      const units = Object.fromEntries(depths.map((_, i) => [`depth${i}`, ["uniform1i", UNITS.photos + i]]));
-      this.pass(fused[0], this.fuse, { ...units, count: ["uniform1i", withDepth.length], same: (2 * pixel) / largest, averaged: (3 * pixel) / largest });
+      depths.forEach(({ texture }, i) => this.bind(UNITS.depths + i, texture));
+      this.pass(fused[0], this.fuse, { count: ["uniform1i", withDepth.length], same: (2 * pixel) / largest, averaged: (3 * pixel) / largest });
       this.fillHoles(fused, filled, true, 0);
     } else {
       // Nothing is known yet: a plane in the middle.
       const share = (1 / near + (far ? 1 / far : 0)) / 2 / largest;
       gl.bindFramebuffer(gl.FRAMEBUFFER, filled[0].frame);
-      gl.clearColor(share, 0, 0, 0.5);
+      gl.clearColor(share, 0, 0, 0);
       gl.clear(gl.COLOR_BUFFER_BIT);
     }
     const nearest = Math.min(...distances.filter((d) => d > 0), Infinity);
@@ -252,10 +245,9 @@ class Drawer {
       this.bind(UNITS.codes + i, slots[i]?.photo.code ?? this.noCode);
     }
     this.bind(UNITS.surface, filled[0].texture);
-    const units = Array.from({ length: SLOTS }, (_, i) => [[`photo${i}`, ["uniform1i", UNITS.photos + i]], [`code${i}`, ["uniform1i", UNITS.codes + i]]]).flat();
+    this.bind(UNITS.smaller, filled[1].texture);
     this.pass(pictures[0], this.blend, {
-      ...Object.fromEntries(units), H: ["uniformMatrix3fv", values.H],
-      surface: ["uniform1i", UNITS.surface], count: ["uniform1i", slots.length], largest, fine: (0.25 * pixel) / largest, three,
+      H: ["uniformMatrix3fv", values.H], count: ["uniform1i", slots.length], largest, fine: (0.25 * pixel) / largest, three,
       e: ["uniform3fv", values.e], sizes: ["uniform2fv", values.sizes], gains: ["uniform4fv", values.gains], scales: ["uniform4fv", values.scales],
     });
     this.fillHoles(pictures, shrunk, false, 1);
@@ -267,12 +259,11 @@ class Drawer {
   present({ depth = false, guessed = false, fade = 0, wipe = 0, photo, ground = [0, 0, 0] }) {
     const { pictures, shrunk, filled } = this.targets;
     if (photo) this.upload(photo);
-    this.bind(UNITS.photos, pictures[0].texture);
+    this.bind(UNITS.own, pictures[0].texture);
     this.bind(UNITS.smaller, (shrunk.length > 2 ? shrunk : pictures)[1].texture);
     this.bind(UNITS.surface, filled[0].texture);
     this.bind(UNITS.photo, photo?.texture ?? this.noPhoto);
     this.pass(null, this.show, {
-      picture: ["uniform1i", UNITS.photos], smaller: ["uniform1i", UNITS.smaller], surface: ["uniform1i", UNITS.surface], photo: ["uniform1i", UNITS.photo],
       size: ["uniform2fv", [this.canvas.width, this.canvas.height]], depth, guessed, fade, wipe: photo ? wipe : 0, ground: ["uniform3fv", ground],
       span: ["uniform2fv", [(this.far ? 1 / this.far : 0) / this.largest, 1 / this.near / this.largest]],
     });

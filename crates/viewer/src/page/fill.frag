@@ -1,10 +1,11 @@
-// A picture whose holes (alpha 0) are taken from a smaller one without holes, between its pixels; alpha stays.
+// A picture whose holes (alpha up to `least`) are taken from a smaller one without holes, between its pixels; alpha stays.
 uniform sampler2D own, smaller;
 uniform bool packed; // whether rgb is a number of 24 bits
+uniform float least;
 out vec4 filled;
 void main() {
   filled = texelFetch(own, ivec2(gl_FragCoord.xy), 0);
-  if (filled.a > 0.0) return;
+  if (filled.a > least) return;
   ivec2 last = textureSize(smaller, 0) - 1;
   vec2 at = 0.5 * gl_FragCoord.xy - 0.5;
   ivec2 p = ivec2(floor(at));

@@ -1,5 +1,5 @@
 // A photo as it is drawn: its colours, its depth as 16-bit codes (0: none, else 1 + disparity / step in the lower 15 bits; the highest: other
-// photos confirm it), and the cells of its depth; and the exposure of photos.
+// photos confirm it); and the exposure of photos.
 
 // Width of a thumbnail.
 const THUMBNAIL = 160;

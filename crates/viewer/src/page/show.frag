@@ -1,5 +1,5 @@
 // What the canvas shows: the picture, or its depth in colours; guessed pixels marked; faded far from the photos; beside it a photo.
-uniform sampler2D picture, smaller, surface, photo; // `smaller`: the picture at half the size, without holes
+uniform sampler2D own, smaller, surface, photo; // `smaller`: the picture at half the size, without holes
 uniform vec2 size; // of the canvas, pixels
 uniform vec2 span; // disparities shown darkest and brightest, shares of the largest
 uniform bool depth, guessed;
@@ -18,10 +18,10 @@ vec3 turbo(float x) {
 }
 void main() {
   vec2 at = vec2(gl_FragCoord.x, size.y - gl_FragCoord.y) / size;
-  ivec2 drawn = textureSize(picture, 0), p = min(ivec2(at * vec2(drawn)), drawn - 1);
+  ivec2 drawn = textureSize(own, 0), p = min(ivec2(at * vec2(drawn)), drawn - 1);
   bool exact = vec2(drawn) == size;
-  vec4 found = texelFetch(picture, p, 0);
-  vec3 colour = found.a < 0.5 ? texture(smaller, at).rgb : exact ? found.rgb : texture(picture, at).rgb;
+  vec4 found = texelFetch(own, p, 0);
+  vec3 colour = found.a < 0.5 ? texture(smaller, at).rgb : exact ? found.rgb : texture(own, at).rgb;
   if (depth) {
     vec4 held = texelFetch(surface, p, 0);
     colour = turbo(clamp((unpack(held.rgb) - span.x) / max(span.y - span.x, 1e-9), 0.0, 1.0)) * (held.a > 0.9 ? 1.0 : 0.75);

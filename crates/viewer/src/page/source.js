@@ -89,10 +89,6 @@ class Photos {
         } else {
           const { w, h } = photo.camera;
           const depth = await decodeDepth(await depthOf(photo), w, h);
-          await pause(0);
-          const fine = cellsOf(depth, false);
-          await pause(0);
-          photo.cells = [fine, cellsOf(depth, true)];
           photo.depth = depth;
           photo.state = "depth";
           for (const near of [photo, ...this.around(photo)]) this.measure(near);

@@ -5,8 +5,8 @@ const [canvas, frame] = [element("picture"), element("frame")];
 const views = scene.views.map((view, index) => ({ ...view, index, photo: undefined, depth: undefined, pose: poseOf(view.camera) }));
 const free = views.filter((view) => !view.held_out).map((view) => view.index);
 const video = scene.served?.video;
-// How a view is drawn while it moves, the slower the machine the less: share of the sides, and whether with the coarser cells.
-const LEVELS = [[1, false], [1, true], [0.7, true], [0.5, true], [0.35, true], [0.25, true]];
+// How a view is drawn while it moves, the slower the machine the less: share of the sides, and of the pixels of depth one of so many across and down.
+const LEVELS = [[1, 1], [1, 2], [0.7, 2], [0.5, 2], [0.35, 4], [0.25, 4]];
 // Milliseconds of a frame above which the level goes up, and below which it comes down.
 const [SLOW, FAST] = [60, 18];
 // Milliseconds until a photo has faded in, until a flight arrives, and without movement until all is drawn.
@@ -128,10 +128,10 @@ function present() {
 
 function draw(full) {
   const [w, h] = size();
-  const [scale, coarse] = full ? LEVELS[0] : LEVELS[level];
+  const [scale, stride] = full ? LEVELS[0] : LEVELS[level];
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
   const small = [w, h].map((side) => Math.max(8, Math.round(scale * side)));
-  drawer.draw(resized(camera, ...small), slots, { near: scene.near, far: scene.far, coarse, three: full, helpers: full ? helpers() : [] });
+  drawer.draw(resized(camera, ...small), slots, { near: scene.near, far: scene.far, stride, three: full, helpers: full ? helpers() : [] });
   present();
 }
 
@@ -295,7 +295,7 @@ function showDetails() {
   const rows = {
     Picture: `${canvas.width} × ${canvas.height}`, "Drawn from": slots.map(({ photo }) => views[photo.view].name).join(", "),
     "Vertices a frame": drawer.vertices.toLocaleString("en"), "Texture reads a pixel": `at most ${READS}`,
-    "While moving": `${Math.round(100 * LEVELS[level][0])} % of the sides${LEVELS[level][1] ? ", coarser cells" : ""}`,
+    "While moving": `${Math.round(100 * LEVELS[level][0])} % of the sides`,
     ...(scene.served ? { "Full quality": `${scene.served.layers}, ${scene.served.engine}` } : {}),
   };
   element("details").replaceChildren(...Object.entries(rows).flatMap(([name, value]) => {
@@ -401,7 +401,7 @@ element("play").onclick = () => {
 };
 element("step").oninput = () => {
   step = Number(element("step").value);
-  [playing, needed] = [false, true];
+  [playing, needed, wantedAt] = [false, true, -Infinity];
   showStep();
 };
 addEventListener("keydown", (event) => {
