@@ -14,11 +14,6 @@ pub(crate) fn up_to_256(text: &str) -> Result<usize, String> {
     in_range(text, 1..=256)
 }
 
-/// Parses the quality of a JPEG, from 1 to 100.
-pub(crate) fn quality(text: &str) -> Result<u8, String> {
-    in_range(text, 1..=100).map(|quality| quality as u8)
-}
-
 /// Parses a field of view in degrees, from 1 to 170.
 pub(crate) fn field_of_view(text: &str) -> Result<f64, String> {
     let degrees = text.parse().ok().filter(|degrees| (1.0..=170.0).contains(degrees));
@@ -28,12 +23,6 @@ pub(crate) fn field_of_view(text: &str) -> Result<f64, String> {
 /// Parses a depth, in scene units.
 pub(super) fn depth(text: &str) -> Result<f64, String> {
     text.parse().map_err(|_| "expected a number of scene units, such as 1.5".to_owned())
-}
-
-/// Parses the number of a port.
-#[cfg(feature = "viewer")]
-pub(crate) fn port(text: &str) -> Result<u16, String> {
-    in_range(text, 0..=65535).map(|port| port as u16)
 }
 
 /// Parses `A:B`, `A:` or `:B`: a range, without B, that is not empty.
