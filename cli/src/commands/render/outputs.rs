@@ -18,7 +18,7 @@ use serde_json::json;
 use super::record::{self, Record};
 use super::summary::Rendered;
 use crate::args::numbers::frame_rate;
-use crate::args::{OutputPath, Variant, has_extension, write_atomically};
+use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
 use crate::outputs::{OutputPlan, note_other_pictures};
 
@@ -43,7 +43,7 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
-    #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100), requires = "output")]
+    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output")]
     jpeg_quality: Option<u8>,
     /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]

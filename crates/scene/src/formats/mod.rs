@@ -57,7 +57,7 @@ pub(super) const READERS: [Reader; 9] = [
     Reader(Format::Spaces, |root| file(root, &["models.json"]), Open::Alone(spaces::views)),
     Reader(Format::RealEstate10k, realestate10k::file_in, Open::WithOthers(realestate10k::open)),
     Reader(Format::Metashape, |root| file_with(root, "xml", b"<chunk"), Open::Alone(metashape::views)),
-    Reader(Format::RealityCapture, |root| file_with(root, "csv", b"#name,x,"), Open::Alone(realitycapture::views)),
+    Reader(Format::RealityCapture, |root| file_with(root, "csv", b",pitch,roll,f"), Open::Alone(realitycapture::views)),
     Reader(Format::OpenSfm, |root| file(root, &opensfm::NAMES), Open::Alone(opensfm::views)),
     Reader(Format::Gaussians, |root| file(root, &["cameras.json"]), Open::Alone(gaussians::views)),
 ];

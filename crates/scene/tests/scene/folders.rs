@@ -326,7 +326,12 @@ const CASES: &[Case] = &[
         "",
         Err(&["a file .out is not supported", "Bundler"]),
     ),
-    ("RealityCapture", |root| write(&root.join("a.csv"), "#name,x,y,alt"), "", Err(&[".csv", "ns-process-data"])),
+    (
+        "RealityCapture without a camera",
+        |root| write(&root.join("a.csv"), "#name,x,y,alt,yaw,pitch,roll,f\n"),
+        "",
+        Err(&["a.csv: no views; expected at least one"]),
+    ),
     (
         "NeuS",
         |root| write(&root.join("cameras_sphere.npz"), "PK"),
@@ -335,8 +340,8 @@ const CASES: &[Case] = &[
     ),
     ("Polycam", |root| picture(&root.join("keyframes/images/1.jpg"), 64, 48), "", Err(&["ns-process-data polycam"])),
     (
-        "another table",
-        |root| write(&root.join("scan.csv"), "name,x\n"),
+        "RealityCapture's table of positions",
+        |root| write(&root.join("a.csv"), "#name,x,y,alt\na.png,1,2,3\n"),
         "",
         Err(&["a file .csv", "RealityCapture (RealityScan): export \"Internal/External camera parameters\""]),
     ),
@@ -578,11 +583,7 @@ fn lenses_and_tables_that_are_not_read_are_refused_in_words() {
     ] {
         check(lens, |root| realitycapture(root, COLUMNS, &format!("{PINHOLE},{lens}")), "", expected);
     }
-    let no_focal = COLUMNS.replace(",f,px", ",g,px");
-    check(
-        "no f",
-        |root| realitycapture(root, &no_focal, PINHOLE),
-        "",
-        Err(&["line 3: f is missing; expected a number"]),
-    );
+    let no_centre = COLUMNS.replace(",x,", ",u,");
+    let expected: Expected = Err(&["line 3: x is missing; expected a number"]);
+    check("no x", |root| realitycapture(root, &no_centre, PINHOLE), "", expected);
 }
