@@ -77,11 +77,6 @@ pub(crate) fn escaped(text: &str) -> String {
     escaped
 }
 
-/// As [`escaped`], except for line breaks.
-pub(crate) fn escaped_lines(text: &str) -> String {
-    text.split('\n').map(escaped).collect::<Vec<_>>().join("\n")
-}
-
 /// Prints a line on stderr; `eprintln` would panic if stderr is closed.
 pub(crate) fn print_message(kind: &str, what: impl Display) {
     let _ = writeln!(std::io::stderr(), "{kind}: {}", escaped(&what.to_string()));

@@ -107,7 +107,8 @@ fn main() -> ExitCode {
 
 /// Prints the result of a command; the exit code if it cannot be printed.
 fn print(cli: &Cli, console::Output { text, json }: console::Output) -> Option<ExitCode> {
-    let printed = if cli.json { format!("{json:#}") } else { console::escaped_lines(&text) };
+    let escaped = || text.split('\n').map(console::escaped).collect::<Vec<_>>().join("\n");
+    let printed = if cli.json { format!("{json:#}") } else { escaped() };
     let printed = printed.trim_end();
     let written = match &cli.command {
         // The video itself goes to standard output.

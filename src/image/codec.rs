@@ -204,7 +204,11 @@ pub fn encode_with_quality(path: &Path, picture: &ImageRgb, quality: u8) -> Resu
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
     Ok(if is_jpeg(path) {
         write(JpegEncoder::new_with_quality(&mut bytes, quality), &rgb8, picture.size(), color)?;
-        tagged_jpeg(bytes)
+        // After the first segment, the JFIF header.
+        let at = 4 + usize::from(u16::from_be_bytes([bytes[4], bytes[5]]));
+        let segment = [&[0xFF, 0xFE], &(SOFTWARE_TAG.len() as u16 + 2).to_be_bytes()[..], SOFTWARE_TAG].concat();
+        bytes.splice(at..at, segment);
+        bytes
     } else {
         write(PngEncoder::new(&mut bytes), &rgb8, picture.size(), color)?;
         tagged_png(bytes)
@@ -244,14 +248,6 @@ fn tagged_png(mut png: Vec<u8>) -> Vec<u8> {
     let chunk = [&length[..], b"tEXt", SOFTWARE_TAG, &SOFTWARE_TAG_CRC.to_be_bytes()].concat();
     png.splice(HEADER_LEN..HEADER_LEN, chunk);
     png
-}
-
-/// Inserts [`SOFTWARE_TAG`] after the first segment, the JFIF header.
-fn tagged_jpeg(mut jpeg: Vec<u8>) -> Vec<u8> {
-    let at = 4 + usize::from(u16::from_be_bytes([jpeg[4], jpeg[5]]));
-    let segment = [&[0xFF, 0xFE], &(SOFTWARE_TAG.len() as u16 + 2).to_be_bytes()[..], SOFTWARE_TAG].concat();
-    jpeg.splice(at..at, segment);
-    jpeg
 }
 
 fn write(encoder: impl ImageEncoder, values: &[u8], size: Size, color: ExtendedColorType) -> Result<(), ImageError> {

@@ -150,21 +150,17 @@ impl Renderer {
                 observer(&batch);
             }
         }
-        self.check_finite(logits, logits_not_finite)?;
+        // A few are left out; of more there is no picture.
+        if logits_not_finite.saturating_mul(LOGITS_PER_NOT_FINITE) > logits {
+            let (network, count) = (self.network.name(), logits_not_finite);
+            return Err(NetworkError::NotFinite { network, count, of: logits }.into());
+        }
         let started = Instant::now();
         let rows: Vec<_> = rows.into_iter().map(R::finish).collect();
         let frame = Frame::new(&rows, target);
         let occluded_pixels = count_occluded(&visible, size.width, &frame.transmittance);
         times.composite += started.elapsed();
         Ok(Frame { occluded_pixels, uncovered_layers, logits_not_finite, times, ..frame })
-    }
-
-    /// Refuses a frame with too many logits that are NaN or infinite.
-    fn check_finite(&self, logits: usize, not_finite: usize) -> Result<(), NetworkError> {
-        if not_finite.saturating_mul(LOGITS_PER_NOT_FINITE) > logits {
-            return Err(NetworkError::NotFinite { network: self.network.name(), count: not_finite, of: logits });
-        }
-        Ok(())
     }
 }
 

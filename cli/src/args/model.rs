@@ -20,7 +20,7 @@ use crate::ort_wheel::wheel;
 use crate::outputs::OutputPlan;
 
 /// Options that choose the model and how it is run.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 pub(crate) struct ModelArgs {
     /// Number of photos per picture; selects the model [default: 4, or as --model]
     #[arg(long, value_name = "V", value_parser = numbers::count)]
@@ -112,16 +112,8 @@ impl ModelArgs {
 
     /// Without a network, for so many views on the same threads.
     pub(crate) fn no_network(&self, views: usize) -> Self {
-        Self {
-            views: Some(views),
-            network: Some(NetworkName::None),
-            model: None,
-            alpha: None,
-            engine: None,
-            precision: None,
-            ort_lib: None,
-            ..self.clone()
-        }
+        let network = Some(NetworkName::None);
+        Self { views: Some(views), network, threads: self.threads, batch: self.batch, ..Self::default() }
     }
 
     /// Number of threads as given, else one per core.

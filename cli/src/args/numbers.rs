@@ -30,12 +30,6 @@ pub(super) fn depth(text: &str) -> Result<f64, String> {
     text.parse().map_err(|_| "expected a number of scene units, such as 1.5".to_owned())
 }
 
-/// Parses the number of a port.
-#[cfg(feature = "viewer")]
-pub(crate) fn port(text: &str) -> Result<u16, String> {
-    in_range(text, 0..=65535).map(|port| port as u16)
-}
-
 /// Parses `A:B`, `A:` or `:B`: a range, without B, that is not empty.
 pub(crate) fn frame_range(text: &str) -> Result<Range<usize>, String> {
     let side = |text: &str, open| if text.is_empty() { Some(open) } else { text.parse().ok() };

@@ -216,16 +216,12 @@ impl SceneArgs {
 
     /// Opens the scene.
     pub(crate) fn open(&self) -> Result<SceneViews> {
-        Ok(self.with_depth(Scene::open(&self.scene, &self.options())?))
+        self.open_at(None)
     }
 
     /// Opens the scene at this width, unless `--width` is given.
-    pub(crate) fn open_at(&self, width: usize) -> Result<SceneViews> {
-        let options = SceneOptions { width: self.width.or(Some(width)), ..self.options() };
-        Ok(self.with_depth(Scene::open(&self.scene, &options)?))
-    }
-
-    fn with_depth(&self, scene: Scene) -> SceneViews {
-        SceneViews::new(scene, self.near, self.far)
+    pub(crate) fn open_at(&self, width: impl Into<Option<usize>>) -> Result<SceneViews> {
+        let options = SceneOptions { width: self.width.or(width.into()), ..self.options() };
+        Ok(SceneViews::new(Scene::open(&self.scene, &options)?, self.near, self.far))
     }
 }

@@ -30,7 +30,7 @@ The space bar starts and stops the video of a rig (see `liveview video --help`).
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ViewArgs {
     /// Port of the link; 0 for any free port
-    #[arg(long, value_name = "N", default_value = "8090", value_parser = numbers::port)]
+    #[arg(long, value_name = "N", default_value = "8090")]
     port: u16,
     /// Network address of this machine, to give others access by a token in the link
     ///

@@ -165,6 +165,16 @@ pub(crate) fn value(argument: &str, what: impl Display) -> PyErr {
     PyValueError::new_err(format!("{argument}: {what}"))
 }
 
+/// Refuses an argument unless it is as expected.
+pub(crate) fn expect(argument: &str, found: impl Display, is_right: bool, expected: &str) -> PyResult<()> {
+    if is_right { Ok(()) } else { Err(value(argument, format!("{found}; expected {expected}"))) }
+}
+
+/// A field of an argument, which is to be of a class that has it.
+pub(crate) fn field<'py>(argument: &str, of: &Object<'py>, field: &str, class: &str) -> PyResult<Object<'py>> {
+    of.getattr(field).map_err(|_| kind(argument, format!("it has no {field}; expected {class}")))
+}
+
 /// The exception of an argument of another type.
 pub(crate) fn kind(argument: &str, what: impl Display) -> PyErr {
     PyTypeError::new_err(format!("{argument}: {what}"))

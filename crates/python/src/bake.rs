@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use liveview_synthesizer::{ScenePhotos, SceneViews, SynthesisError};
 use pyo3::prelude::*;
 
-use crate::arguments::{Error, Object, some, value, view_index};
+use crate::arguments::{Error, Object, expect, some, view_index};
 use crate::engine::run;
 use crate::scene::Scene;
 
@@ -29,9 +29,7 @@ pub(crate) fn bake(
     let held_out: Vec<usize> =
         held_out.iter().map(|(name, view)| view_index(scene, name, view)).collect::<PyResult<_>>()?;
     let held_out = scene.with_held_out(held_out);
-    if !(max_mb > 0.0 && max_mb <= 4000.0) {
-        return Err(value("max_mb", format!("{max_mb}; expected above 0, at most 4000")));
-    }
+    expect("max_mb", max_mb, max_mb > 0.0 && max_mb <= 4000.0, "above 0, at most 4000")?;
     let ended = AtomicBool::new(false);
     run(
         py,
@@ -41,8 +39,7 @@ pub(crate) fn bake(
             let baked = liveview_viewer::bake(&mut photos, &held_out, (1e6 * max_mb) as usize, |_| {
                 if ended.load(Ordering::Relaxed) { Err(SynthesisError::Cancelled.into()) } else { Ok(()) }
             });
-            let refused = |error: anyhow::Error| Error::new_err(format!("{error:#}"));
-            let baked = baked.map_err(refused)?;
+            let baked = baked.map_err(|error: anyhow::Error| Error::new_err(format!("{error:#}")))?;
             liveview_files::atomic::write(&path, baked.html.as_bytes())
                 .map_err(|error| Error::new_err(format!("{}: cannot be written: {error}", path.display())))?;
             Ok(baked.notes)

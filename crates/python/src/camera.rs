@@ -7,7 +7,7 @@ use ndarray::{arr1, arr2};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::arguments::{Object, matrix, some, value, vector, whole};
+use crate::arguments::{Object, field, matrix, some, value, vector, whole};
 
 /// A pinhole camera. Always valid: a K without an inverse, a matrix that is not a rotation and
 /// numbers that are not finite are refused.
@@ -147,12 +147,8 @@ impl Camera {
         format!("Camera({}, fx {fx}, fy {fy}, cx {cx}, cy {cy}, centre {})", self.0.size(), self.0.centre())
     }
 
-    fn __getnewargs_ex__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(NewArguments<'py>, Bound<'py, pyo3::types::PyDict>)> {
-        let arguments = (self.k(py), self.pose(py, "opencv")?, self.width(), self.height());
-        Ok((arguments, pyo3::types::PyDict::new(py)))
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<NewArguments<'py>> {
+        Ok((self.k(py), self.pose(py, "opencv")?, self.width(), self.height()))
     }
 }
 
@@ -169,10 +165,7 @@ pub(crate) fn camera(name: &str, argument: &Object<'_>) -> PyResult<liveview::Ca
     if let Ok(camera) = argument.cast::<Camera>() {
         return Ok(camera.get().0.clone());
     }
-    let field = |field: &str| {
-        let found = argument.getattr(field);
-        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a Camera")))
-    };
+    let field = |field: &str| self::field(name, argument, field, "a Camera");
     let of = |field: &str| format!("{name}.{field}");
     let k: [[f64; 3]; 3] = matrix(&of("k"), &field("k")?)?;
     let rotation: [[f64; 3]; 3] = matrix(&of("rotation"), &field("rotation")?)?;

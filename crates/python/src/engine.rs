@@ -92,8 +92,14 @@ impl Engine {
         };
         run(py, interrupt, || {
             let mut synthesizer = locked(&self.synthesizer);
-            if self.control.stop.swap(false, Ordering::Relaxed) {
-                self.open_again(&mut synthesizer)?;
+            if self.control.stop.swap(false, Ordering::Relaxed)
+                && let Some(options) = &self.model
+            {
+                // Opens the network whose runs an interrupt has ended.
+                let layers = synthesizer.layers().clone();
+                let opened = options.open_renderer(Some(&layers)).map_err(library)?;
+                *synthesizer.renderer_mut() = opened.renderer;
+                *locked(&self.runs) = opened.model.map(|model| model.run_end);
             }
             *locked(&holds) = true;
             let result = if interrupted.load(Ordering::Relaxed) {
@@ -112,16 +118,6 @@ impl Engine {
     /// Whether the running work's call was interrupted: its result is dropped.
     pub(crate) fn is_interrupted(&self) -> bool {
         self.control.stop.load(Ordering::Relaxed)
-    }
-
-    /// Opens the network whose runs an interrupt has ended.
-    fn open_again(&self, synthesizer: &mut Synthesizer) -> PyResult<()> {
-        let Some(options) = &self.model else { return Ok(()) };
-        let layers = synthesizer.layers().clone();
-        let opened = options.open_renderer(Some(&layers)).map_err(library)?;
-        *synthesizer.renderer_mut() = opened.renderer;
-        *locked(&self.runs) = opened.model.map(|model| model.run_end);
-        Ok(())
     }
 }
 

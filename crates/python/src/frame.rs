@@ -107,14 +107,14 @@ impl Frame {
 /// The pictures of a path; each is rendered when it is asked for.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct Frames {
-    engine: Arc<Engine>,
-    shots: Vec<Shot>,
-    progress: Mutex<Progress>,
+    pub(crate) engine: Arc<Engine>,
+    pub(crate) shots: Vec<Shot>,
+    pub(crate) progress: Mutex<Progress>,
 }
 
 /// What is done of a path.
 #[derive(Default)]
-struct Progress {
+pub(crate) struct Progress {
     /// Index of the next shot.
     next: usize,
     /// The planes that the first shot selects, as in the paper's video.
@@ -134,12 +134,6 @@ impl Progress {
             self.selected.get_or_insert(plan.layers);
         }
         Ok(frame)
-    }
-}
-
-impl Frames {
-    pub(crate) fn new(engine: Arc<Engine>, shots: Vec<Shot>) -> Self {
-        Self { engine, shots, progress: Mutex::default() }
     }
 }
 

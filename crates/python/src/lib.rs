@@ -25,7 +25,7 @@ mod _liveview {
         bake::bake,
         camera::Camera,
         frame::{Frame, Frames},
-        scene::Scene,
+        scene::{Scene, undistort},
         stages::layers::{
             cover_planes, guided_layers, guided_search, plane_histogram, select_planes, uniform_disparities,
         },

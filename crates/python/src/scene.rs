@@ -5,12 +5,15 @@ use std::path::PathBuf;
 use liveview::ImageRgb;
 use liveview::geometry::Size;
 use liveview_scene::cameras::CameraPath;
+use liveview_scene::undistorted;
 use liveview_synthesizer::{SceneOptions, Targets};
 use ndarray::{ArrayView3, Ix3};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Object, Sides, as_array, kind, library, matrix, some, value, view_index, whole};
+use crate::arguments::{
+    Object, Sides, as_array, expect, kind, library, matrix, some, value, vector, view_index, whole,
+};
 use crate::camera::{Camera, Convention, refused};
 use crate::engine::compute;
 use crate::frame::picture_array;
@@ -126,6 +129,29 @@ impl Scene {
     }
 }
 
+/// A photo [h, w, 3] as a pinhole camera with its K shows it, float32; edge pixels are repeated where it shows nothing.
+/// `distortion`: OpenCV's k1, k2, p1, p2, or with k3, or with k3 to k6 too; with `fisheye` its k1 to k4.
+#[pyfunction]
+#[pyo3(signature = (photo, k, distortion, *, fisheye = false))]
+pub(crate) fn undistort<'py>(
+    py: Python<'py>,
+    photo: &Object<'py>,
+    k: &Object<'py>,
+    distortion: &Object<'py>,
+    fisheye: bool,
+) -> PyResult<Bound<'py, PyArray3<f32>>> {
+    let picture = picture("photo", photo)?;
+    let here = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
+    let camera = Convention::OpenCv.camera(matrix("k", k)?, here, picture.size());
+    let camera = camera.map_err(|error| refused(&error, ["k", "k", "photo"]))?;
+    let given = vector("distortion", distortion, "n")?.to_vec();
+    let is_right = given.len() == 4 || !fisheye && [5, 8].contains(&given.len());
+    expect("distortion", format!("{} numbers", given.len()), is_right, "4, 5 or 8, of a fisheye 4")?;
+    let found =
+        compute(py, || undistorted(&picture, &camera, &given, fisheye).map_err(|error| value("distortion", error)));
+    Ok(picture_array(found?).into_pyarray(py))
+}
+
 /// As many items as photos, with their names.
 fn of_each<'py>(name: &str, argument: &Object<'py>, count: usize) -> PyResult<Vec<(String, Object<'py>)>> {
     let found = some(name, argument)?;
@@ -154,7 +180,7 @@ pub(crate) fn picture(name: &str, argument: &Object<'_>) -> PyResult<ImageRgb> {
 }
 
 /// Refuses values outside [0, 1].
-fn in_range(name: &str, values: ArrayView3<'_, f32>) -> PyResult<()> {
+pub(crate) fn in_range(name: &str, values: ArrayView3<'_, f32>) -> PyResult<()> {
     match values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
         Some(found) => Err(value(name, format!("a value is {found}; expected values in [0, 1]"))),
         None => Ok(()),

@@ -102,7 +102,7 @@ impl Synthesizer {
     fn render_path(&self, py: Python<'_>, targets: &Object<'_>) -> PyResult<Frames> {
         let path = Targets::cameras(cameras("targets", targets)?);
         let shots = self.engine.with(py, |synthesizer| synthesizer.shots(path).map_err(library))?;
-        Ok(Frames::new(Arc::clone(&self.engine), shots))
+        Ok(Frames { engine: Arc::clone(&self.engine), shots, progress: Mutex::default() })
     }
 
     /// The depth of a view's photo, searched among its neighbours. Depths that views not yet

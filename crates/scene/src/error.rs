@@ -14,7 +14,8 @@ pub enum SceneError {
     /// The path is neither a folder nor a `transforms.json`, or the folder holds none of the formats.
     #[error("{}: {reason}; expected a transforms.json, or a folder with one of: transforms.json, \
              transforms_train.json (Blender), poses_bounds.npy, models.json (Spaces), \
-             cameras.txt with frames/ (RealEstate10K), sparse/0 (COLMAP)", path.display())]
+             cameras.txt with frames/ (RealEstate10K), sparse/0 (COLMAP), cameras that Metashape or RealityCapture exports, \
+             reconstruction.json (OpenSfM), cameras.json (3D Gaussian Splatting)", path.display())]
     NoScene {
         /// The path given.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! Scenes: photos with known camera poses. The poses are read from a folder in one of seven file formats;
+//! Scenes: photos with known camera poses. The poses are read from a folder in one of nine file formats;
 //! the photos come from the same folder or from any other [`PhotoSource`]. Or both are in memory
 //! ([`Scene::in_memory`]).
 //!
@@ -10,6 +10,8 @@
 //! | Spaces | `models.json` | OpenCV, angle-axis and centre | pixels of the declared size |
 //! | RealEstate10K | `cameras.txt` and `frames/`, or both of one name | OpenCV, camera from world | fractions of width and height |
 //! | Metashape | an `.xml` of exported cameras | OpenCV, world from camera | pixels, from the middle |
+//! | RealityCapture | a `.csv` of internal and external parameters | OpenGL, angles and centre | 36ths of the larger side |
+//! | OpenSfM, ODM | `reconstruction.json`, also in `opensfm` | OpenCV, angle-axis, camera from world | fractions of the larger side |
 //! | 3D Gaussian Splatting | `cameras.json` | OpenCV, world from camera | pixels |
 //!
 //! Each is converted to a [`Camera`]: OpenCV axes, `cam_from_world`, K in
@@ -34,8 +36,9 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
-use formats::{READERS, Reader, transforms};
+use formats::{READERS, transforms};
 use photo_folder::TRANSPARENT;
+use photos::PhotoLookup;
 use scene_file::{MASK_FOLDERS, mask_note};
 use undistort::{Distortion, undistort};
 use view::{DeclaredView, DeclaredViews};
@@ -45,6 +48,7 @@ pub use error::SceneError;
 pub use formats::fuzz;
 pub use photo_folder::PhotoFolder;
 pub use photos::{Found, ListedPhoto, Photo, PhotoList, PhotoSource, load_photo, save_picture};
+pub use undistort::undistorted;
 pub use view::View;
 
 use liveview::geometry::Camera;
@@ -89,6 +93,10 @@ pub enum Format {
     Colmap,
     /// Metashape's exported cameras.
     Metashape,
+    /// RealityCapture's table of internal and external parameters.
+    RealityCapture,
+    /// OpenSfM's and ODM's `reconstruction.json`.
+    OpenSfm,
     /// 3D Gaussian Splatting's `cameras.json`.
     Gaussians,
     /// No files: photos and cameras in memory.
@@ -104,6 +112,8 @@ impl Format {
             Self::Spaces => "axis-angle rotation and camera centre, OpenCV axes; K in pixels of the declared size",
             Self::RealEstate10k => "camera from world, OpenCV axes; K as fractions of width and height",
             Self::Colmap | Self::Memory => "camera from world, OpenCV axes (x right, y down, z forward); K in pixels",
+            Self::RealityCapture => "angles and centre, OpenGL axes; K in 36ths of the photo's larger side",
+            Self::OpenSfm => "camera from world, OpenCV axes, angle-axis; K as fractions of the photo's larger side",
             Self::Metashape | Self::Gaussians => {
                 "world from camera, OpenCV axes (x right, y down, z forward); K in pixels"
             }
@@ -116,9 +126,9 @@ impl FromStr for Format {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let names = || READERS.map(|reader| format!("{:?}", reader.format).to_lowercase());
+        let names = || READERS.map(|reader| format!("{:?}", reader.0).to_lowercase());
         let found = names().iter().position(|known| known == name);
-        found.map(|at| READERS[at].format).ok_or_else(|| format!("expected one of {}", names().join(", ")))
+        found.map(|at| READERS[at].0).ok_or_else(|| format!("expected one of {}", names().join(", ")))
     }
 }
 
@@ -131,6 +141,8 @@ impl fmt::Display for Format {
             Self::RealEstate10k => "RealEstate10K",
             Self::Colmap => "COLMAP",
             Self::Metashape => "Metashape's cameras",
+            Self::RealityCapture => "RealityCapture's camera parameters",
+            Self::OpenSfm => "reconstruction.json (OpenSfM)",
             Self::Gaussians => "cameras.json (3D Gaussian Splatting)",
             Self::Memory => "photos in memory",
         })
@@ -227,20 +239,21 @@ impl Scene {
             if !has_extension(path, &["json"]) {
                 return Err(no_scene("is not a folder"));
             }
-            (Format::Transforms, transforms::open_file(root, path, &*photos, options).and_then(of)?)
+            (Format::Transforms, transforms::open(options, PhotoLookup::new(&*photos, path)).and_then(of)?)
         } else {
-            let is_wanted = |reader: &Reader| options.format.is_none_or(|format| format == reader.format);
-            let is_there = |reader: &Reader| (reader.is_in)(root) && photos.supports(reader.format);
-            let readers: Vec<Reader> = READERS.into_iter().filter(|one| is_wanted(one) && is_there(one)).collect();
+            let is_wanted =
+                |format: Format| options.format.is_none_or(|wanted| wanted == format) && photos.supports(format);
+            let readers = READERS.into_iter().filter(|reader| is_wanted(reader.0));
             let (mut read, mut failed) = (None, None);
-            for Reader { format, open, .. } in readers {
+            for (reader, file) in readers.filter_map(|reader| (reader.1)(root).map(|file| (reader, file))) {
+                let format = reader.0;
                 if let Some((first, _)) = read {
                     notes.push(format!(
                         "the folder also holds {format}: its poses are not read, {first} takes precedence"
                     ));
                     continue;
                 }
-                match open(root, &*photos, options).and_then(of) {
+                match reader.read(options, PhotoLookup::new(&*photos, &file)).and_then(of) {
                     Ok(views) => read = Some((format, views)),
                     Err(error) => {
                         notes.push(format!("{format} is not read: {error}"));
@@ -346,7 +359,7 @@ impl Scene {
             return Err(SceneError::ImageSize { path, actual, declared_in, declared });
         }
         if *distortion != Distortion::default() {
-            photo = undistort(&photo, native, distortion)?;
+            photo = undistort(&photo, native, distortion);
         }
         if camera.size() != actual {
             photo = photo.resized(camera.width(), camera.height())?;

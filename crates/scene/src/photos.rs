@@ -185,7 +185,7 @@ fn is_sampled_finely(bytes: &[u8]) -> bool {
 
 /// Finds the photos of one pose file's entries, one by one, and collects their views.
 pub(crate) struct PhotoLookup<'a> {
-    photos: &'a dyn PhotoSource,
+    pub(crate) photos: &'a dyn PhotoSource,
     /// The pose file.
     pub(crate) listed_in: &'a Path,
     pub(crate) views: Vec<DeclaredView>,
@@ -232,7 +232,9 @@ impl<'a> PhotoLookup<'a> {
         }
         Ok(match found {
             Found::Photo(photo) => {
-                if !is_listed_as(&photo.name, name) {
+                // The extension may be missing.
+                let rest = photo.name.strip_prefix(name.strip_prefix("./").unwrap_or(name));
+                if !rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.')) {
                     self.notable.renamed.push((self.views.len(), photo.name.clone(), name.clone()));
                 }
                 Some(photo)
@@ -313,12 +315,6 @@ pub(crate) fn note_left_out(left_out: Vec<(String, SceneError)>, kept: usize) ->
         notes.splice(SHOWN.., [format!("{} more photos are left out likewise", count - SHOWN)]);
     }
     Ok(notes)
-}
-
-/// Whether a photo's name is the listed one, of which an extension may be missing.
-fn is_listed_as(name: &str, listed: &str) -> bool {
-    let listed = listed.strip_prefix("./").unwrap_or(listed);
-    name.strip_prefix(listed).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
 /// The photos of the `requested` folder, or of the first of the usual ones that holds any: whichever format is read,

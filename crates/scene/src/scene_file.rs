@@ -8,6 +8,7 @@ use serde_json::{Map, Value};
 
 use crate::SceneError;
 use crate::cameras::camera_file::json_numbers;
+use liveview::geometry::Size;
 use liveview_files::bounded;
 
 /// Reads a file.
@@ -171,6 +172,18 @@ impl<'a> Fields<'a> {
 
     pub(crate) fn text(&self, key: &str) -> Result<&'a str, SceneError> {
         self.get(key).and_then(Value::as_str).ok_or_else(|| self.wrong(key, "text"))
+    }
+
+    pub(crate) fn object(&self, key: &str) -> Result<&'a Map<String, Value>, SceneError> {
+        self.get(key).and_then(Value::as_object).ok_or_else(|| self.wrong(key, "an object"))
+    }
+
+    /// `width` and `height`.
+    pub(crate) fn size(&self) -> Result<Size, SceneError> {
+        match (self.side("width")?, self.side("height")?) {
+            (Some(width), Some(height)) => Ok(Size::new(width, height)),
+            _ => Err(self.wrong("width", "width and height in pixels")),
+        }
     }
 
     /// A width or height in pixels; some programs write it as 540.0.

@@ -23,7 +23,7 @@
 use rayon::prelude::*;
 
 use liveview::geometry::{Camera, CameraError, Intrinsics};
-use liveview::image::{ImageError, ImageRgb};
+use liveview::image::ImageRgb;
 
 /// The camera models that are read, by COLMAP's names: pinholes with OpenCV's distortion, fisheyes, and division
 /// models.
@@ -47,6 +47,18 @@ pub(super) struct Distortion {
 }
 
 impl Distortion {
+    /// Of up to eight coefficients of OpenCV's, in its order.
+    pub(super) fn from_opencv(given: &[f64], fisheye: bool) -> Self {
+        let mut coefficients = [0.0; 8];
+        coefficients[..given.len()].copy_from_slice(given);
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+        match fisheye {
+            // A fisheye has k3 and k4 in place of p1 and p2.
+            true => Self { fisheye, k: [k1, k2, p1, p2, 0.0, 0.0], ..Self::default() },
+            false => Self { k: [k1, k2, k3, k4, k5, k6], p: [p1, p2], ..Self::default() },
+        }
+    }
+
     pub(super) fn fields(&self) -> [(&'static str, f64); 8] {
         let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.k, self.p);
         [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6), ("p1", p1), ("p2", p2)]
@@ -84,16 +96,38 @@ impl Distortion {
     }
 }
 
+/// The photo as a pinhole camera with its K shows it. `coefficients` are up to eight of OpenCV's, in its order: k1, k2,
+/// p1, p2, then k3 to k6; of a `fisheye` k1 to k4.
+///
+/// # Errors
+///
+/// [`CameraError`] if one is not finite.
+///
+/// # Panics
+///
+/// If the camera has another size, or there are more coefficients.
+pub fn undistorted(
+    photo: &ImageRgb,
+    camera: &Camera,
+    coefficients: &[f64],
+    fisheye: bool,
+) -> Result<ImageRgb, CameraError> {
+    assert_eq!(photo.size(), camera.size(), "the camera's size");
+    let distortion = Distortion::from_opencv(coefficients, fisheye);
+    distortion.check()?;
+    Ok(undistort(photo, camera, &distortion))
+}
+
 /// Pixels of a row whose positions are computed before they are sampled.
 const RUN: usize = 64;
 
 /// The pinhole image of `camera` from a distorted photo of the same size and K.
-pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distortion) -> Result<ImageRgb, ImageError> {
+pub(super) fn undistort(photo: &ImageRgb, camera: &Camera, distortion: &Distortion) -> ImageRgb {
     let (width, height) = (photo.width(), photo.height());
     let mut data = vec![0.0_f32; photo.data().len()];
     let rows = data.par_chunks_mut(3 * width).enumerate();
     rows.for_each(|(row, pixels)| undistort_row(photo, &camera.intrinsics(), distortion, row, pixels));
-    ImageRgb::new(width, height, data)
+    ImageRgb::new(width, height, data).expect("as many values as the photo has")
 }
 
 #[pulp::with_simd(undistort_row = liveview::simd::arch())]
@@ -167,7 +201,7 @@ mod tests {
     #[test]
     fn undistorted_pixel_samples_photo_at_distorted_ray() {
         let camera = camera();
-        let pinhole = undistort(&coordinates(), &camera, &LENS).unwrap();
+        let pinhole = undistort(&coordinates(), &camera, &LENS);
         let mut inside = 0;
         for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (x, y))) {
             let ray = camera.k_inverse() * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
@@ -224,7 +258,7 @@ mod tests {
     #[test]
     fn zero_distortion_keeps_the_photo() {
         let photo = coordinates();
-        let same = undistort(&photo, &camera(), &Distortion::default()).unwrap();
+        let same = undistort(&photo, &camera(), &Distortion::default());
         let worst = photo.data().iter().zip(same.data()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
         assert!(worst < 1e-4, "{worst}");
     }
@@ -238,7 +272,7 @@ mod tests {
             k,
             p: [1e300, f64::MAX],
         }) {
-            let image = undistort(&coordinates(), &camera(), &huge).unwrap();
+            let image = undistort(&coordinates(), &camera(), &huge);
             assert!(image.data().iter().all(|v| v.is_finite()));
         }
     }

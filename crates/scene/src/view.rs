@@ -42,6 +42,13 @@ pub(crate) fn seen_from(axes: DMat3, centre: DVec3) -> (DMat3, DVec3) {
     (axes.transpose(), -(axes.transpose() * centre))
 }
 
+/// A rotation from its axis times its angle in radians.
+pub(crate) fn rotation_about(angle_axis: DVec3) -> DMat3 {
+    let angle = angle_axis.length();
+    // The threshold of the code of the data set Spaces.
+    if angle < 1e-7 { DMat3::IDENTITY } else { DMat3::from_axis_angle(angle_axis / angle, angle) }
+}
+
 /// The result of a format's reader.
 #[derive(Default)]
 pub(crate) struct DeclaredViews {

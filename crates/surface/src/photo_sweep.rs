@@ -214,7 +214,9 @@ impl Search<'_> {
         let disparities = tile.index_range.map(|index| self.grid.disparity(index + k as f32));
         for (index, source) in self.sources.iter().enumerate() {
             if is_unseen(source, &columns, &rows, disparities) {
-                keep_unseen(averaged, index == 0, tile);
+                for row in 0..tile.rows {
+                    tile.merge(row, [UNSEEN_COST; RUN], averaged, index == 0);
+                }
                 continue;
             }
             let all_seen = self.differences(simd, source, k as f32, tile);
@@ -324,14 +326,6 @@ fn keep_lowest<const INSIDE: bool>(averaged: usize, first: bool, tile: &mut Tile
             cost[i] = if INSIDE || seen[i] > 0.0 { sum } else { UNSEEN_COST };
         }
         tile.merge(row, cost, averaged, first);
-    }
-}
-
-/// As [`keep_lowest`], of a neighbour that sees no cell.
-#[inline(always)]
-fn keep_unseen(averaged: usize, first: bool, tile: &mut Tile) {
-    for row in 0..tile.rows {
-        tile.merge(row, [UNSEEN_COST; RUN], averaged, first);
     }
 }
 

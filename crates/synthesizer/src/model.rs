@@ -355,18 +355,14 @@ pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
         let closed = gate.lock().unwrap_or_else(PoisonError::into_inner);
         let start = |started| {
             let spawn = || Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, || drop(gate.lock()));
-            let thread = check_address_space().and_then(|()| spawn());
+            let has_space = memory::can_reserve(STACK_BYTES + FREE_BYTES);
+            let thread = if has_space { spawn() } else { Err(io::ErrorKind::OutOfMemory.into()) };
             thread.err().map(|source| ThreadsError::Refused { asked: count, started, source })
         };
         let refused = (0..count).find_map(start);
         drop(closed);
         refused.map_or(Ok(()), Err)
     })
-}
-
-/// Fails unless there is address space for one more stack and for [`FREE_BYTES`].
-fn check_address_space() -> io::Result<()> {
-    if memory::can_reserve(STACK_BYTES + FREE_BYTES) { Ok(()) } else { Err(io::ErrorKind::OutOfMemory.into()) }
 }
 
 #[cfg(test)]

@@ -15,9 +15,7 @@ RIG = ROOT / "tests/scenes/rig"
 
 @pytest.fixture(scope="module")
 def cameras(liveview):
-    from liveview import cameras
-
-    return cameras
+    return liveview.cameras
 
 
 @pytest.fixture(scope="module", params=[0.0, 1e-9, 0.3, 2.0, np.pi - 1e-9, np.pi])
@@ -67,8 +65,7 @@ def test_the_library_reads_what_is_written_for_other_programs(liveview, cameras,
     for name in ("nerfstudio", "colmap/sparse"):
         (tmp_path / name).mkdir(parents=True)
     written = {f"images/{name}": camera for name, camera in zip(workshop.names, workshop.cameras, strict=True)}
-    transforms = cameras.to_nerfstudio(written)
-    (tmp_path / "nerfstudio/transforms.json").write_text(json.dumps(transforms))
+    (tmp_path / "nerfstudio/transforms.json").write_text(json.dumps(cameras.to_nerfstudio(written)))
     intrinsics, poses = [], []
     for index, (path, camera) in enumerate(written.items(), 1):
         qvec, tvec, params = cameras.to_colmap(camera)
@@ -80,7 +77,6 @@ def test_the_library_reads_what_is_written_for_other_programs(liveview, cameras,
             Image.new("RGB", (camera.width, camera.height)).save(file)
     (tmp_path / "colmap/sparse/cameras.txt").write_text("\n".join(intrinsics))
     (tmp_path / "colmap/sparse/images.txt").write_text("\n".join(poses))
-    (tmp_path / "colmap/sparse/points3D.txt").write_text("")
     for program in ("nerfstudio", "colmap"):
         scene = liveview.Scene(tmp_path / program)
         assert len(scene) == len(written)
@@ -89,10 +85,7 @@ def test_the_library_reads_what_is_written_for_other_programs(liveview, cameras,
 
 
 def test_wrong_cameras_are_named(liveview, cameras, camera):
-    for transforms, text in [
-        ({"k1": 0.1}, "k1"),
-        ({"fl_x": 5}, "no cx"),
-    ]:
+    for transforms, text in [({"k1": 0.1}, "k1"), ({"fl_x": 5}, "no cx")]:
         with pytest.raises(ValueError, match=text):
             cameras.from_nerfstudio({"frames": [{"file_path": "a.png"}], **transforms})
     with pytest.raises(ValueError, match="qvec"):
@@ -100,6 +93,18 @@ def test_wrong_cameras_are_named(liveview, cameras, camera):
     skewed = liveview.Camera([[700, 1, 320], [0, 650, 240], [0, 0, 1]], np.eye(4), 640, 480)
     with pytest.raises(ValueError, match="skew"):
         cameras.to_colmap(skewed)
+
+
+def test_arrays_are_undistorted_as_a_scene_is(liveview, tmp_path):
+    photo = np.random.default_rng(3).integers(0, 256, (48, 64, 3), np.uint8)
+    Image.fromarray(photo).save(tmp_path / "a.png")
+    k, lens = [[50, 0, 30], [0, 60, 25], [0, 0, 1]], {"k1": 0.1, "k2": 0.02, "p1": 0.01, "p2": 0.003, "k3": 0.05}
+    of_file = {"fl_x": 50, "fl_y": 60, "cx": 30, "cy": 25, "frames": [{"file_path": "a.png"}]}
+    of_file["frames"][0]["transform_matrix"] = np.eye(4).tolist()
+    (tmp_path / "transforms.json").write_text(json.dumps(lens | of_file))
+    np.testing.assert_array_equal(liveview.undistort(photo, k, [*lens.values()]), liveview.Scene(tmp_path).photo(0))
+    with pytest.raises(ValueError, match="distortion: 5 numbers; expected 4, 5 or 8, of a fisheye 4"):
+        liveview.undistort(photo, k, [*lens.values()], fisheye=True)
 
 
 def test_frames_are_torch_tensors_without_a_copy(liveview, workshop):

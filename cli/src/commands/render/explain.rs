@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use glam::DVec2;
 use liveview::geometry::PlaneSweep;
 use liveview::layers::{CELL, Layer};
@@ -18,11 +18,9 @@ use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
 use ndarray::{Array2, Axis, s};
 use serde_json::{Value, json};
 
-use crate::args::expect_png;
 use crate::commands::sweep::quantile;
 use crate::console::{Output, path_text};
 use crate::job::{Job, Times};
-use crate::outputs::OutputPlan;
 
 /// The colour of guessed pixels.
 const PINK: [f32; 3] = [1.0, 0.0, 0.6];
@@ -33,15 +31,6 @@ pub(super) struct Explained<'a> {
     pub(super) plan: &'a Plan,
     pub(super) frame: &'a Frame,
     pub(super) times: &'a Times,
-}
-
-/// Checks the option `--explain` before any work.
-pub(super) fn plan_output(file: &Path, pictures: usize, output_plan: &mut OutputPlan) -> Result<()> {
-    if pictures != 1 {
-        bail!("--explain {}: {pictures} pictures are rendered; expected one target", file.display());
-    }
-    expect_png("--explain", file)?;
-    output_plan.file("--explain", file)
 }
 
 /// Explains a render, as text, as JSON and in a picture.

@@ -16,7 +16,9 @@ use anyhow::{Error, Result, anyhow, bail};
 use clap::Args;
 use liveview_synthesizer::{LayerSpec, Plan, Score, Shot, agreement, guessed};
 
-use crate::args::{ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, named, numbers};
+use crate::args::{
+    ADVANCED, LayerArgs, MORE_HELP, ModelArgs, SceneArgs, TargetArgs, expect_png, named, numbers, write_atomically,
+};
 use crate::console::{Output, escaped, print_message, print_notes};
 use crate::interrupt::{self, Interrupted};
 use crate::job::{Job, Times};
@@ -55,7 +57,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let pictures: Vec<_> = shots.iter().map(|shot| (shot.name.as_str(), shot.target.size())).collect();
     outputs.plan_outputs(&pictures, &mut output_plan)?;
     args.scores.iter().try_for_each(|file| output_plan.file("--scores", file))?;
-    args.explain.iter().try_for_each(|file| explain::plan_output(file, pictures.len(), &mut output_plan))?;
+    if let Some(file) = &args.explain {
+        if pictures.len() != 1 {
+            bail!("--explain {}: {} pictures are rendered; expected one target", file.display(), pictures.len());
+        }
+        expect_png("--explain", file)?;
+        output_plan.file("--explain", file)?;
+    }
     output_plan.prepare()?;
     outputs.begin(&shots, |quality| record::job_digest(&job, &all, &args.layers, quality))?;
     let wanted = shots.len();
@@ -70,12 +78,16 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let (done, explanation) =
         rendered.inspect_err(|_| outputs.record.iter().for_each(|record| record.print_how_to_resume(wanted)))?;
     check_coverage(&done, args)?;
-    warn_of_disagreement(&done);
+    let shares: Vec<f64> = done.iter().filter_map(|one| one.agreeing_share).collect();
+    if let Some(warning) = agreement::warning(shares.iter().sum::<f64>() / shares.len() as f64) {
+        print_message("warning", warning);
+    }
     let video = outputs.finish(&all)?;
     let share = args.frames.as_ref().map(|_| (frames.clone(), all.len()));
     let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
     if let Some(file) = &args.scores {
-        output.text += &summary::write_scores(file, &done)?;
+        write_atomically(file, summary::csv(&done).as_bytes())?;
+        output.text += &format!("wrote   {}\n", file.display());
     }
     Ok(output)
 }
@@ -103,15 +115,6 @@ fn check_coverage(done: &[Rendered], args: &RenderArgs) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Warns where the photos agree on few pixels, on average over the pictures.
-fn warn_of_disagreement(done: &[Rendered]) {
-    let shares: Vec<f64> = done.iter().filter_map(|one| one.agreeing_share).collect();
-    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-    if let Some(warning) = agreement::warning(mean) {
-        print_message("warning", warning);
-    }
 }
 
 fn no_coverage(args: &RenderArgs) -> Error {

@@ -11,7 +11,7 @@ use liveview_live::peak_memory;
 use liveview_synthesizer::{Score, Shot};
 use serde_json::{Value, json};
 
-use crate::args::{has_extension, write_atomically};
+use crate::args::has_extension;
 use crate::console::{Output, counted, escaped, path_text};
 use crate::job::{Job, Times, time_text};
 
@@ -204,13 +204,8 @@ pub(super) fn check_scores(file: Option<&Path>, have_truth: bool) -> Result<()> 
     Ok(())
 }
 
-/// Writes the table of the scores; returns its line for the summary.
-pub(super) fn write_scores(file: &Path, done: &[Rendered]) -> Result<String> {
-    write_atomically(file, csv(done).as_bytes())?;
-    Ok(format!("wrote   {}\n", file.display()))
-}
-
-fn csv(done: &[Rendered]) -> String {
+/// The table of the scores.
+pub(super) fn csv(done: &[Rendered]) -> String {
     let mut text = "name,psnr,ssim,psnr_covered,uncovered_share,occluded_share,guessed_share,seconds\n".to_owned();
     for one in done {
         let number = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();

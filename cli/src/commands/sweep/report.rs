@@ -68,12 +68,6 @@ impl Row {
         names.map(of).filter(|&(_, time)| time > 0.0).collect()
     }
 
-    /// Interquartile range over median.
-    pub(super) fn spread(&self) -> f64 {
-        let totals = self.totals();
-        (quantile_of_sorted(&totals, 0.75) - quantile_of_sorted(&totals, 0.25)) / quantile_of_sorted(&totals, 0.5)
-    }
-
     /// Root mean square error against the photos, of values in [0, 255].
     pub(super) fn rms_error(&self) -> Option<f64> {
         self.score.map(|score| 255.0 * 10f64.powf(-score.psnr / 20.0))
@@ -96,7 +90,12 @@ pub(super) struct SweepReport {
 impl SweepReport {
     /// Whether the times of the repetitions differ too much.
     pub(super) fn noisy(&self) -> bool {
-        let mut spreads: Vec<f64> = self.rows.iter().map(Row::spread).collect();
+        // Of each row the interquartile range over the median.
+        let spread = |row: &Row| {
+            let [low, middle, high] = [0.25, 0.5, 0.75].map(|part| quantile_of_sorted(&row.totals(), part));
+            (high - low) / middle
+        };
+        let mut spreads: Vec<f64> = self.rows.iter().map(spread).collect();
         quantile(&mut spreads, 0.5) > MAX_SPREAD
     }
 
@@ -140,15 +139,16 @@ impl SweepReport {
         for row in &self.rows {
             let front = if self.on_front(row) { "●" } else { "" };
             let size = if several_sizes { format!(" {} |", row.size) } else { String::new() };
-            let [psnr, ssim] = [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4)].map(cell);
+            let megabytes = row.peak_memory_bytes.map(|bytes| bytes as f64 / 1e6);
+            let [psnr, ssim, megabytes] =
+                [(row.score.map(|s| s.psnr), 2), (row.score.map(|s| s.ssim), 4), (megabytes, 0)].map(cell);
             let _ = writeln!(
                 text,
-                "| {front} |{size} {} | {} | {psnr} | {ssim} | {}{} | {} | {} |",
+                "| {front} |{size} {} | {} | {psnr} | {ssim} | {}{} | {megabytes} | {} |",
                 row.layers,
                 row.engine,
                 seconds(row),
                 if row.once > 0.0 { format!(", once {:.2}", row.once) } else { String::new() },
-                megabytes(row),
                 longest_stage(row),
             );
         }
@@ -202,10 +202,6 @@ fn seconds(row: &Row) -> String {
     let totals = row.totals();
     let [first, last] = [totals.first(), totals.last()].map(|total| total.unwrap_or(&f64::NAN));
     format!("{:.3} ({first:.3}–{last:.3})", row.median())
-}
-
-fn megabytes(row: &Row) -> String {
-    row.peak_memory_bytes.map_or("-".into(), |bytes| format!("{:.0}", bytes as f64 / 1e6))
 }
 
 /// A number as a cell of the table.

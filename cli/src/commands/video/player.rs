@@ -207,11 +207,6 @@ impl Sink {
         Ok(Self::Folder { path: path.to_owned(), frames: 0 })
     }
 
-    /// Whether a player may show frames as they are written.
-    pub(super) fn is_stream(&self) -> bool {
-        matches!(self, Self::Y4m { .. })
-    }
-
     /// Writes a frame; false if the reader of standard output has closed it.
     pub(super) fn add(&mut self, picture: &ImageRgb) -> Result<bool> {
         match self {
@@ -290,7 +285,8 @@ pub(super) fn write(
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
-    // Black until the first frame. Except in a stream it is not written before: there may be no frame at all.
+    // Black until the first frame. Except in a stream, which a player may show, it is not written before: there may be no frame
+    // at all.
     let mut last = ImageRgb::new(size.width, size.height, vec![0.0; 3 * size.pixels()])?;
     let (black, mut held_back) = (last.clone(), Some(0));
     for input in frames {
@@ -302,7 +298,7 @@ pub(super) fn write(
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
             }
-        } else if let Some(frames) = held_back.as_mut().filter(|_| !sink.is_stream()) {
+        } else if let Some(frames) = held_back.as_mut().filter(|_| !matches!(sink, Sink::Y4m { .. })) {
             *frames += 1;
             continue;
         }

@@ -21,11 +21,6 @@ use liveview_live::resident_memory;
 use liveview_live::rig::Rig;
 use liveview_live::session::{LayerSource, LiveFrame, LiveTimes, Policy};
 
-/// The time of each stage, in the order of [`Tally::stages`].
-fn stage_times(times: &LiveTimes) -> [Duration; 5] {
-    [times.photos, times.layers, times.stages.warp, times.stages.network, times.stages.composite]
-}
-
 /// Histogram of durations in milliseconds, up to ten seconds.
 pub(super) struct Latencies(Vec<u64>);
 
@@ -97,7 +92,9 @@ impl Tally {
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
         let refreshed = if let LayerSource::Propagated { refreshed } = frame.layer_source { refreshed } else { 0.0 };
         self.refreshed += refreshed;
-        let spent = stage_times(&frame.times);
+        let LiveTimes { photos, layers, stages, .. } = &frame.times;
+        // In the order of `Tally::stages`.
+        let spent = [*photos, *layers, stages.warp, stages.network, stages.composite];
         self.spent.iter_mut().zip(spent).for_each(|(sum, spent)| *sum += spent);
         if let Some(Scores { score, flicker }) = scores {
             for (sum, score) in self.scores.iter_mut().zip([Some(score.psnr), Some(score.ssim), flicker]) {

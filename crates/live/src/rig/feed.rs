@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
 use liveview::geometry::Size;
-use liveview::image::{self, ImageError};
+use liveview::image;
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
 use super::steps::{Photos, photos_in};
@@ -125,17 +125,6 @@ impl Feed {
                 Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
             }
             Frames::Video(path, _) => Ok((path.clone(), first_of_video(path)?.size())),
-        }
-    }
-
-    /// The pixels of the first readable frame.
-    ///
-    /// # Errors
-    /// The file is damaged or missing.
-    fn load_first(&self, first: &Path) -> Result<ImageRgb> {
-        match &self.frames {
-            Frames::Photos(_) => Ok(image::load(first)?),
-            Frames::Video(path, _) => first_of_video(path),
         }
     }
 
@@ -266,9 +255,12 @@ impl PhotoSource for RigPhotos {
         let Some(RigCamera { feed, first, .. }) = self.named(name) else {
             return Err(SceneError::Read { path: name.into(), source: io::ErrorKind::NotFound.into() });
         };
-        feed.load_first(first).map_err(|error| match error.downcast::<ImageError>() {
-            Ok(error) => error.into(),
-            Err(error) => SceneError::Read { path: first.clone(), source: io::Error::other(format!("{error:#}")) },
-        })
+        match &feed.frames {
+            Frames::Photos(_) => Ok(image::load(first)?),
+            Frames::Video(path, _) => first_of_video(path).map_err(|error| SceneError::Read {
+                path: first.clone(),
+                source: io::Error::other(format!("{error:#}")),
+            }),
+        }
     }
 }

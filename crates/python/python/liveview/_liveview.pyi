@@ -328,6 +328,11 @@ def bake(
     out, a line each. `max_mb`: its largest size in millions of bytes. `held_out`: views to compare
     with, by name or index. `near`, `far`: depth range, scene units, by default the scene's."""
 
+def undistort(photo: ArrayLike, k: ArrayLike, distortion: ArrayLike, *, fisheye: bool = False) -> np.ndarray:
+    """A photo [h, w, 3] as a pinhole camera with its K shows it, float32; edge pixels are repeated
+    where it shows nothing. `distortion`: OpenCV's k1, k2, p1, p2, or with k3, or with k3 to k6 too;
+    with `fisheye` its k1 to k4."""
+
 def choose_views(cameras: Sequence[CameraLike], target: CameraLike, count: int, kept: Sequence[int] = ()) -> list[int]:
     """Indices of the `count` cameras to render the target from, nearest first: those that show it,
     from all sides; of those in `kept` (indices) the cost is a tenth lower."""

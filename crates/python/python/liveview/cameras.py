@@ -1,5 +1,8 @@
 """Cameras to and from nerfstudio, COLMAP and OpenCV, without lens distortion (a scene's folder may
-have it: `Scene` undoes it). Lengths are scene units, intrinsics pixels."""
+have it, which `Scene` undoes; `liveview.undistort` does it with arrays). Lengths are scene units,
+intrinsics pixels."""
+
+from __future__ import annotations  # `help()` shows ArrayLike, not what it stands for
 
 from collections.abc import Mapping
 from typing import Any

@@ -88,8 +88,7 @@ pub(crate) fn disparity<'py>(index: PyReadonlyArray2<'py, f32>, grid: GridArgume
 
 /// The depth of the first of these photos at the small size, searched among the others.
 #[pyfunction]
-pub(crate) fn small_map<'py>(views: &Object<'py>, near: f64, far: f64) -> PyResult<(Map<'py>, f32)> {
-    let py = views.py();
+pub(crate) fn small_map<'py>(py: Python<'py>, views: &Object<'py>, near: f64, far: f64) -> PyResult<(Map<'py>, f32)> {
     let views = Photo::pairs("views", views)?;
     let views: Vec<SourceView<'_>> = views.iter().map(Photo::source).collect();
     let found = stages::small_map(&views, (near, far));
@@ -167,17 +166,14 @@ pub(crate) fn nearer_edges<'py>(
 #[pyfunction]
 pub(crate) fn pixel_of(views: &Object<'_>, target: &Object<'_>, near: f64, far: f64) -> PyResult<f32> {
     let views = View::all(views)?;
-    let views: Vec<_> = views.iter().map(View::of).collect();
-    Ok(stages::target_disparity_per_pixel(&views, &camera("target", target)?, (near, far)))
+    Ok(stages::target_disparity_per_pixel(&View::of_all(&views), &camera("target", target)?, (near, far)))
 }
 
 /// The views' confirmed depth at the target; `pixel`: the disparity worth one there.
 #[pyfunction]
-pub(crate) fn splat<'py>(views: &Object<'py>, target: &Object<'py>, pixel: f32) -> PyResult<Map<'py>> {
-    let py = views.py();
+pub(crate) fn splat<'py>(py: Python<'py>, views: &Object<'py>, target: &Object<'py>, pixel: f32) -> PyResult<Map<'py>> {
     let views = View::all(views)?;
-    let views: Vec<_> = views.iter().map(View::of).collect();
-    Ok(stages::splatted(&views, &camera("target", target)?, pixel).into_pyarray(py))
+    Ok(stages::splatted(&View::of_all(&views), &camera("target", target)?, pixel).into_pyarray(py))
 }
 
 #[pyfunction]
@@ -209,9 +205,8 @@ pub(crate) fn target_search<'py>(
     far: f64,
 ) -> PyResult<(Maps<'py>, Map<'py>)> {
     let views = View::all(views)?;
-    let views: Vec<_> = views.iter().map(View::of).collect();
     let (target, splatted) = (camera("target", target)?, splatted.as_array().to_owned());
-    let (costs, disparity) = stages::target_search(&views, &target, &splatted, (near, far));
+    let (costs, disparity) = stages::target_search(&View::of_all(&views), &target, &splatted, (near, far));
     Ok((costs.into_pyarray(py), disparity.into_pyarray(py)))
 }
 
@@ -226,7 +221,7 @@ pub(crate) fn hide<'py>(
     margin: f32,
 ) -> PyResult<(Maps<'py>, Maps<'py>, Map<'py, bool>)> {
     let (views, target) = (View::all(views)?, camera("target", target)?);
-    let views: Vec<_> = views.iter().map(View::of).collect();
+    let views = View::of_all(&views);
     let disparities = views.iter().map(|view| &view.confirmed.disparity).collect();
     let visibility = Visibility { disparities, margin, is_seen: true };
     let gains = views.iter().map(|view| ViewCorrection { gains: view.gains, sharpening: 0.0 });

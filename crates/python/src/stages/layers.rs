@@ -10,7 +10,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::warp::{Photo, photos};
-use crate::arguments::{Maps, Object, Sides, named, value, vector, whole};
+use crate::arguments::{Maps, Object, Sides, expect, named, value, vector, whole};
 use crate::camera::camera;
 use crate::engine::compute;
 
@@ -23,9 +23,7 @@ pub(crate) fn uniform_disparities<'py>(
     count: &Object<'py>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let count = whole("count", count)?;
-    if count > MAX_LAYERS {
-        return Err(value("count", format!("{count}; expected at most {}", MAX_LAYERS)));
-    }
+    expect("count", count, count <= MAX_LAYERS, &format!("at most {MAX_LAYERS}"))?;
     let found = layers::uniform_disparities(near, far, count);
     Ok(found.map_err(|error| value(if count == 0 { "count" } else { "near, far" }, error))?.into_pyarray(py))
 }
@@ -68,9 +66,8 @@ pub(crate) fn cover_planes(py: Python<'_>, histogram: &Object<'_>, count: &Objec
 fn counts(histogram: &Object<'_>) -> PyResult<Vec<u64>> {
     const MOST: f64 = (1_u64 << 40) as f64;
     let found = vector("histogram", histogram, "D")?;
-    if found.len() > MAX_LAYERS {
-        return Err(value("histogram", format!("{} planes; expected at most {}", found.len(), MAX_LAYERS)));
-    }
+    let planes = format!("{} planes", found.len());
+    expect("histogram", planes, found.len() <= MAX_LAYERS, &format!("at most {MAX_LAYERS}"))?;
     let wrong = |count: &&f64| !((0.0..=MOST).contains(*count) && count.fract() == 0.0);
     match found.iter().find(wrong) {
         Some(count) => Err(value("histogram", format!("a count is {count}; expected whole numbers of at least 0"))),
@@ -134,18 +131,15 @@ pub(super) fn maps_of(layers: &Layers, Size { width, height }: Size) -> Array3<f
 /// A number of layers.
 pub(super) fn layer_count(count: &Object<'_>) -> PyResult<usize> {
     let count = whole("count", count)?;
-    if (1..=MAX_LAYERS).contains(&count) {
-        return Ok(count);
-    }
-    Err(value("count", format!("{count}; expected 1 to {}", MAX_LAYERS)))
+    expect("count", count, (1..=MAX_LAYERS).contains(&count), &format!("1 to {MAX_LAYERS}"))?;
+    Ok(count)
 }
 
 fn coarse_planes(planes: Option<&Object<'_>>) -> PyResult<Option<usize>> {
     let planes = planes.map(|planes| whole("planes", planes)).transpose()?;
-    match planes.filter(|planes| !(2..=MAX_LAYERS).contains(planes)) {
-        Some(wrong) => Err(value("planes", format!("{wrong}; expected 2 to {}", MAX_LAYERS))),
-        None => Ok(planes),
-    }
+    let right = |&planes: &usize| (2..=MAX_LAYERS).contains(&planes);
+    planes.iter().try_for_each(|given| expect("planes", given, right(given), &format!("2 to {MAX_LAYERS}")))?;
+    Ok(planes)
 }
 
 /// The guided search of a target among photos.

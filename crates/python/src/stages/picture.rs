@@ -98,59 +98,38 @@ pub(crate) fn render<'py>(
     Ok(arrays)
 }
 
-/// Options of the program, as a dictionary of these: all but `layers` may be missing, and all may be
-/// `None`. `network`: whether one is used; `models`: the folder of the models; `runtime`: that of ONNX
-/// Runtime.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub(crate) struct Given {
-    layers: Option<String>,
-    #[pyo3(default)]
-    views: Option<usize>,
-    #[pyo3(default)]
-    near: Option<f64>,
-    #[pyo3(default)]
-    far: Option<f64>,
-    #[pyo3(default)]
-    network: Option<bool>,
-    #[pyo3(default)]
-    model: Option<PathBuf>,
-    #[pyo3(default)]
-    models: Option<PathBuf>,
-    #[pyo3(default)]
-    alpha: Option<String>,
-    #[pyo3(default)]
-    precision: Option<String>,
-    #[pyo3(default)]
-    engine: Option<String>,
-    #[pyo3(default)]
-    runtime: Option<PathBuf>,
+/// One of the program's options, if it is given and not `None`.
+fn given<'py, T: FromPyObjectOwned<'py>>(options: &Bound<'py, PyDict>, name: &str) -> PyResult<Option<T>> {
+    let found = options.get_item(name)?.filter(|found| !found.is_none());
+    found.map(|found| found.extract::<T>().map_err(Into::into)).transpose()
 }
 
-impl Given {
-    fn of_model(&self, py: Python<'_>) -> PyResult<ModelOptions> {
-        let mut options = ModelOptions::default();
-        let name = self.engine.as_deref().unwrap_or("cpu");
-        let named = ExecutionProvider::ALL.into_iter().find(|provider| provider.name() == name);
-        options.provider = named.ok_or_else(|| value("engine", format!("there is no {name}")))?;
-        let kind = self.alpha.as_deref().map(str::parse).transpose();
-        options.alpha = kind.map_err(|expected| value("alpha", format!("expected {expected}")))?;
-        (options.quantized, options.precision) = match self.precision.as_deref() {
-            None | Some("f32") => (false, Precision::F32),
-            Some("int8") => (true, Precision::F32),
-            Some("bf16") => (false, Precision::Bf16),
-            Some(other) => return Err(value("precision", format!("{other}; expected f32, bf16 or int8"))),
-        };
-        (options.views, options.network) = (self.views, self.network);
-        options.file.clone_from(&self.model);
-        options.folders.extend(self.models.clone());
-        options.library = runtime(py, options.provider, self.runtime.as_deref())?;
-        Ok(options)
-    }
+fn options_of_model(py: Python<'_>, from: &Bound<'_, PyDict>) -> PyResult<ModelOptions> {
+    let text = |name| given::<String>(from, name);
+    let mut options = ModelOptions::default();
+    let name = text("engine")?.unwrap_or_else(|| "cpu".to_owned());
+    let named = ExecutionProvider::ALL.into_iter().find(|provider| provider.name() == name);
+    options.provider = named.ok_or_else(|| value("engine", format!("there is no {name}")))?;
+    let kind = text("alpha")?.map(|kind| kind.parse()).transpose();
+    options.alpha = kind.map_err(|expected| value("alpha", format!("expected {expected}")))?;
+    (options.quantized, options.precision) = match text("precision")?.as_deref() {
+        None | Some("f32") => (false, Precision::F32),
+        Some("int8") => (true, Precision::F32),
+        Some("bf16") => (false, Precision::Bf16),
+        Some(other) => return Err(value("precision", format!("{other}; expected f32, bf16 or int8"))),
+    };
+    (options.views, options.network) = (given(from, "views")?, given(from, "network")?);
+    options.file = given(from, "model")?;
+    options.folders.extend(given::<PathBuf>(from, "models")?);
+    options.library = runtime(py, options.provider, given::<PathBuf>(from, "runtime")?.as_deref())?;
+    Ok(options)
 }
 
 /// Every stage of a picture of a scene as arrays, and what the options chose; the target is a view or a
 /// camera.
+///
+/// `options` are the program's: `layers`, `views`, `near`, `far`, `network` (whether one is used), `model`, `models` (the
+/// folder of the models), `alpha`, `precision`, `engine` and `runtime` (the folder of ONNX Runtime); any may be missing.
 ///
 /// Of the shot `shot.photos`, the views to render from and then the helpers, `shot.free`, all views that
 /// are not held out, and `shot.range`; `original{i}.…` of view i of the shot, if a distortion was
@@ -162,16 +141,17 @@ pub(crate) fn render_scene<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Scene>,
     target: &Object<'py>,
-    options: Given,
+    options: &Bound<'py, PyDict>,
 ) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
     let scene = scene.get().0.clone();
     let targets = match camera("target", target) {
         Ok(camera) => Targets::cameras(vec![camera]),
         Err(_) => Targets::held_out(&scene, vec![view_index(&scene, "target", target)?]),
     };
-    let layers = options.layers.as_deref().map(str::parse::<LayerSpec>).transpose();
+    let layers = given::<String>(options, "layers")?.map(|layers| layers.parse::<LayerSpec>()).transpose();
     let layers = layers.map_err(|error| value("layers", error))?;
-    let of_model = options.of_model(py)?;
+    let of_model = options_of_model(py, options)?;
+    let (near, far) = (given(options, "near")?, given(options, "far")?);
     let about = PyDict::new(py);
     let OpenedRenderer { renderer, layers, model } =
         compute(py, || of_model.open_renderer(layers.as_ref()).map_err(library))?;
@@ -183,7 +163,7 @@ pub(crate) fn render_scene<'py>(
     about.set_item("layers", layers.to_string())?;
     about.set_item("engine", of_model.provider.name())?;
     about.set_item("threads", of_model.threads_or_default())?;
-    let mut synthesizer = Synthesizer::new(SceneViews::new(scene, options.near, options.far), renderer, layers);
+    let mut synthesizer = Synthesizer::new(SceneViews::new(scene, near, far), renderer, layers);
     synthesizer.renderer_mut().set_skip_uncovered(false);
 
     let mut recorded = Recorded::default();

@@ -12,7 +12,7 @@ use numpy::{IntoPyArray, PyArray4, PyReadonlyArray};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use crate::arguments::{Maps, Object, Sides, as_array, distances, library, named, value, whole};
+use crate::arguments::{Maps, Object, Sides, as_array, distances, expect, library, named, value, whole};
 use crate::engine::compute;
 use crate::synthesizer::model_options;
 
@@ -61,9 +61,7 @@ pub(crate) fn blend<'py>(
 
 /// Factors of distances `[V]` for all layers, or `[N, V]` of each.
 fn weights(sides: &mut Sides, argument: &Object<'_>, power: f64) -> PyResult<Vec<DistanceWeights>> {
-    if !power.is_finite() {
-        return Err(value("power", format!("{power}; expected a finite number")));
-    }
+    expect("power", power, power.is_finite(), "a finite number")?;
     let array = as_array("distances", argument)?;
     let views = sides.length('V');
     let rows = if numpy::PyUntypedArrayMethods::ndim(&array) == 2 {
@@ -131,9 +129,7 @@ pub(crate) fn composite_competing<'py>(
     let rgb: PyReadonlyArray<'_, f32, Ix4> = sides.array("rgb", rgb, "L 3 H W")?;
     let covered: PyReadonlyArray<'_, bool, Ix3> = sides.array("covered", covered, "L H W")?;
     let maps: PyReadonlyArray<'_, f32, Ix3> = sides.array("maps", maps, "L H W")?;
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(value("scale", format!("{scale}; expected a positive number")));
-    }
+    expect("scale", scale, scale.is_finite() && scale > 0.0, "a positive number")?;
     let (logit, rgb, covered, maps) = (logit.as_array(), rgb.as_array(), covered.as_array(), maps.as_array());
     let (layers, height, width) = logit.dim();
     let composited = compute(py, || {

@@ -5,14 +5,14 @@ use liveview::geometry::Size;
 use liveview::layers::padded;
 use liveview::warp::SourceView;
 use liveview_surface::stages::{self, SurfaceView};
-use liveview_surface::{ConfirmedDisparity, ConsistencyVotes, Surface};
-use ndarray::{Array2, ArrayView2, Ix2};
+use liveview_surface::{ConfirmedDisparity, ConsistencyVotes, PhotoDisparity, Surface};
+use ndarray::{Array2, Ix2};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray};
 use pyo3::prelude::*;
 
 use super::layers::{layer_count, maps_of};
 use super::warp::{Photo, two};
-use crate::arguments::{Map, Maps, Object, Sides, distances, kind, named, some, value, vector, whole};
+use crate::arguments::{Map, Maps, Object, Sides, distances, expect, field, named, some, value, vector, whole};
 use crate::camera::camera;
 use crate::engine::compute;
 
@@ -25,10 +25,7 @@ pub(super) struct View {
 
 impl View {
     fn new(name: &str, argument: &Object<'_>) -> PyResult<Self> {
-        let field = |field: &str| {
-            let found = argument.getattr(field);
-            found.map_err(|_| kind(name, format!("it has no {field}; expected image, camera, confirmed and gains")))
-        };
+        let field = |field| self::field(name, argument, field, "image, camera, confirmed and gains");
         let of = |field: &str| format!("{name}.{field}");
         let photo = Photo::new((&of("image"), &field("image")?), (&of("camera"), &field("camera")?))?;
         let confirmed = depth_map(&of("confirmed"), &field("confirmed")?, &photo.camera)?;
@@ -44,8 +41,9 @@ impl View {
         some("views", argument)?.iter().map(|(name, view)| Self::new(name, view)).collect()
     }
 
-    pub(super) fn of(&self) -> SurfaceView<'_> {
-        SurfaceView { view: self.photo.source(), confirmed: &self.confirmed, gains: self.gains }
+    pub(super) fn of_all(views: &[Self]) -> Vec<SurfaceView<'_>> {
+        let all = views.iter().map(|Self { photo, confirmed, gains }| (photo.source(), confirmed, *gains));
+        all.map(|(view, confirmed, gains)| SurfaceView { view, confirmed, gains }).collect()
     }
 }
 
@@ -55,19 +53,19 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
     let py = views.py();
     let (views, target) = (View::all(views)?, camera("target", target)?);
     check_range(near, far)?;
-    let found = compute(py, || {
-        let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(stages::surface(&views, &target, (near, far)))
-    })?;
+    let found = compute(py, || Ok(stages::surface(&View::of_all(&views), &target, (near, far))))?;
     let guessed = found.guessed_share();
     named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed))
 }
 
 /// `Surface.layers`.
 #[pyfunction(name = "_surface_layers")]
-pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) -> PyResult<Maps<'py>> {
-    let py = disparity.py();
-    let (disparity, count) = (map2("disparity", disparity)?, layer_count(count)?);
+pub(crate) fn surface_layers<'py>(
+    py: Python<'py>,
+    disparity: &Object<'py>,
+    count: &Object<'py>,
+) -> PyResult<Maps<'py>> {
+    let (disparity, count) = (map("disparity", disparity, "h w")?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
         let surface = Surface { guessed: Array2::default(disparity.dim()), disparity, disparity_per_pixel: 1.0 };
@@ -79,14 +77,10 @@ pub(crate) fn surface_layers<'py>(disparity: &Object<'py>, count: &Object<'py>) 
 
 /// Gains [V, 3] that bring the photos to a common exposure; distances [V] from the target.
 #[pyfunction]
-pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) -> PyResult<Map<'py>> {
-    let py = views.py();
+pub(crate) fn exposure_gains<'py>(py: Python<'py>, views: &Object<'py>, distances: &Object<'py>) -> PyResult<Map<'py>> {
     let views = View::all(views)?;
     let distances = self::distances("distances", distances, &views.len().to_string())?.to_vec();
-    let found = compute(py, || {
-        let views: Vec<_> = views.iter().map(View::of).collect();
-        Ok(stages::exposure_gains(&views, &distances))
-    })?;
+    let found = compute(py, || Ok(stages::exposure_gains(&View::of_all(&views), &distances)))?;
     Ok(ndarray::arr2(&found).into_pyarray(py))
 }
 
@@ -94,7 +88,7 @@ pub(crate) fn exposure_gains<'py>(views: &Object<'py>, distances: &Object<'py>) 
 #[pyfunction]
 pub(crate) fn sharpening<'py>(py: Python<'py>, views: &Object<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let views = View::all(views)?;
-    let found = compute(py, || Ok(stages::sharpening(&views.iter().map(View::of).collect::<Vec<_>>())))?;
+    let found = compute(py, || Ok(stages::sharpening(&View::of_all(&views))))?;
     Ok(found.into_pyarray(py))
 }
 
@@ -124,11 +118,10 @@ pub(crate) fn visible_or_past<'py>(
     margin: f32,
 ) -> PyResult<Map<'py>> {
     let (view, target) = (self::camera("camera", camera)?, self::camera("target", target)?);
-    if !(margin.is_finite() && margin >= 0.0) {
-        return Err(value("margin", format!("{margin}; expected a finite number of at least 0")));
-    }
-    let confirmed = ConfirmedDisparity { disparity: map("confirmed", confirmed, &view)?, disparity_per_pixel: 1.0 };
-    let disparity = map2("disparity", disparity)?;
+    expect("margin", margin, margin.is_finite() && margin >= 0.0, "a finite number of at least 0")?;
+    let confirmed = map("confirmed", confirmed, &shape(&view))?;
+    let confirmed = ConfirmedDisparity { disparity: confirmed, disparity_per_pixel: 1.0 };
+    let disparity = map("disparity", disparity, "h w")?;
     let (found, size) = (Size::new(disparity.ncols(), disparity.nrows()), target.size());
     if found != size && found != padded(size) {
         let expected = format!("the map is {found}; expected {size} as target, or its padded size {}", padded(size));
@@ -141,22 +134,15 @@ pub(crate) fn visible_or_past<'py>(
 /// The map [h, w] with its holes, pixels below 0, filled from their farthest neighbours.
 #[pyfunction]
 pub(crate) fn fill_holes<'py>(py: Python<'py>, map_: &Object<'py>) -> PyResult<Map<'py>> {
-    let map = map2("map_", map_)?;
+    let map = map("map_", map_, "h w")?;
     Ok(compute(py, || Ok(stages::fill_holes(&map)))?.into_pyarray(py))
 }
 
 /// 3 x 3 median of a map [h, w], edges repeated.
 #[pyfunction]
 pub(crate) fn median3<'py>(py: Python<'py>, x: &Object<'py>) -> PyResult<Map<'py>> {
-    let map = map2("x", x)?;
+    let map = map("x", x, "h w")?;
     Ok(compute(py, || Ok(stages::median3(&map)))?.into_pyarray(py))
-}
-
-/// A map `[h, w]` of finite numbers.
-fn map2(name: &str, argument: &Object<'_>) -> PyResult<Array2<f32>> {
-    let found: PyReadonlyArray<'_, f32, Ix2> = Sides::default().array(name, argument, "h w")?;
-    finite(name, found.as_array())?;
-    Ok(found.as_array().to_owned())
 }
 
 /// The depth of a photo, searched from near to far (scene units) among its neighbours; photos [3,
@@ -185,7 +171,7 @@ pub(crate) fn anchored_depth<'py>(
 }
 
 /// A search of the library.
-type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> liveview_surface::PhotoDisparity;
+type Search = fn(&SourceView<'_>, &[SourceView<'_>], f64, f64) -> PhotoDisparity;
 
 fn searched<'py>(
     py: Python<'py>,
@@ -210,10 +196,15 @@ pub(super) fn check_range(near: f64, far: f64) -> PyResult<()> {
 
 /// The pixels [h, w] bool of map `which` that the other maps confirm.
 #[pyfunction]
-pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResult<Map<'py, bool>> {
-    let py = which.py();
+pub(crate) fn confirmed<'py>(py: Python<'py>, which: &Object<'py>, maps: &Object<'py>) -> PyResult<Map<'py, bool>> {
     let maps = some("maps", maps)?;
-    let maps = maps.iter().map(|(name, pair)| camera_and_depth(name, pair)).collect::<PyResult<Vec<_>>>()?;
+    let camera_and_depth = |(name, pair): &(String, Object<'py>)| -> PyResult<_> {
+        let (of, depth) = two(name, pair, "camera and PhotoDisparity")?;
+        let camera = camera(&format!("{name}[0]"), &of)?;
+        let (disparity, disparity_per_pixel) = depth_map(&format!("{name}[1]"), &depth, &camera)?;
+        Ok((camera, PhotoDisparity { disparity, disparity_per_pixel }))
+    };
+    let maps = maps.iter().map(camera_and_depth).collect::<PyResult<Vec<_>>>()?;
     let which = whole("which", which)?;
     let Some((camera, depth)) = maps.get(which) else {
         return Err(value("which", format!("{which}; expected an index of {} maps", maps.len())));
@@ -227,39 +218,26 @@ pub(crate) fn confirmed<'py>(which: &Object<'py>, maps: &Object<'py>) -> PyResul
     Ok(found.into_pyarray(py))
 }
 
-fn camera_and_depth(name: &str, pair: &Object<'_>) -> PyResult<(liveview::Camera, liveview_surface::PhotoDisparity)> {
-    let (of, depth) = two(name, pair, "camera and PhotoDisparity")?;
-    let camera = camera(&format!("{name}[0]"), &of)?;
-    let (disparity, disparity_per_pixel) = depth_map(&format!("{name}[1]"), &depth, &camera)?;
-    Ok((camera, liveview_surface::PhotoDisparity { disparity, disparity_per_pixel }))
-}
-
 /// The fields of a `PhotoDisparity` or `ConfirmedDisparity` of a camera.
 pub(super) fn depth_map(name: &str, depth: &Object<'_>, camera: &liveview::Camera) -> PyResult<(Array2<f32>, f32)> {
-    let field = |field: &str| {
-        let found = depth.getattr(field);
-        found.map_err(|_| crate::arguments::kind(name, format!("it has no {field}; expected a PhotoDisparity")))
-    };
-    let disparity = map(&format!("{name}.disparity"), &field("disparity")?, camera)?;
-    let pixel: f32 = field("pixel")?.extract().map_err(|_| value(&format!("{name}.pixel"), "expected a number"))?;
-    if !(pixel.is_finite() && pixel > 0.0) {
-        return Err(value(&format!("{name}.pixel"), format!("{pixel}; expected a positive number")));
-    }
+    let field = |field| self::field(name, depth, field, "a PhotoDisparity");
+    let disparity = map(&format!("{name}.disparity"), &field("disparity")?, &shape(camera))?;
+    let of = format!("{name}.pixel");
+    let pixel: f32 = field("pixel")?.extract().map_err(|_| value(&of, "expected a number"))?;
+    expect(&of, pixel, pixel.is_finite() && pixel > 0.0, "a positive number")?;
     Ok((disparity, pixel))
 }
 
-/// A map of disparities `[h, w]` of a camera's size.
-pub(super) fn map(name: &str, argument: &Object<'_>, camera: &liveview::Camera) -> PyResult<Array2<f32>> {
-    let shape = format!("{} {}", camera.height(), camera.width());
-    let found: PyReadonlyArray<'_, f32, Ix2> = Sides::default().array(name, argument, &shape)?;
-    finite(name, found.as_array())?;
-    Ok(found.as_array().to_owned())
+/// The shape of a camera's picture, as [`Sides::array`] takes it.
+fn shape(camera: &liveview::Camera) -> String {
+    format!("{} {}", camera.height(), camera.width())
 }
 
-/// Refuses values that are not finite.
-pub(super) fn finite(name: &str, values: ArrayView2<'_, f32>) -> PyResult<()> {
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(found) => Err(value(name, format!("a value is {found}; expected finite numbers"))),
-        None => Ok(()),
+/// A map of finite numbers, `shape` as [`Sides::array`] takes it.
+fn map(name: &str, argument: &Object<'_>, shape: &str) -> PyResult<Array2<f32>> {
+    let found: PyReadonlyArray<'_, f32, Ix2> = Sides::default().array(name, argument, shape)?;
+    match found.as_array().iter().find(|value| !value.is_finite()) {
+        Some(wrong) => Err(value(name, format!("a value is {wrong}; expected finite numbers"))),
+        None => Ok(found.as_array().to_owned()),
     }
 }

@@ -11,9 +11,10 @@ use ndarray::{Array3, Array4, ArrayView3, Axis, Ix3, Ix4, Ix5};
 use numpy::{IntoPyArray, PyArray1, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{Maps, Object, Sides, items, kind, library, some, value, whole};
+use crate::arguments::{Maps, Object, Sides, expect, items, kind, library, some, value, whole};
 use crate::camera::{camera, cameras};
 use crate::engine::compute;
+use crate::scene::in_range;
 
 /// Colour and coverage.
 type Warped<'py> = (Bound<'py, PyArray4<f32>>, Maps<'py>);
@@ -34,9 +35,7 @@ pub(crate) fn warp_maps<'py>(
     let picture = self::image("image", image)?;
     let (source, target) = (camera("source", source)?, camera("target", target)?);
     let maps: PyReadonlyArray<'py, f32, Ix3> = Sides::default().array("maps", maps, "L H W")?;
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(value("scale", format!("{scale}; expected a positive number")));
-    }
+    expect("scale", scale, scale.is_finite() && scale > 0.0, "a positive number")?;
     let (shape, disparity) = (maps.as_array().dim(), maps.as_slice()?);
     let (layers, height, width) = shape;
     let (colour, coverage) = compute(py, || {
@@ -64,9 +63,7 @@ fn scaled(sweep: PlaneSweep, scale: f64) -> PlaneSweep {
 #[pyfunction]
 pub(crate) fn sharpened<'py>(py: Python<'py>, image: &Object<'py>, amount: f32) -> PyResult<Maps<'py>> {
     let picture = self::image("image", image)?;
-    if !amount.is_finite() {
-        return Err(value("amount", format!("{amount}; expected a finite number")));
-    }
+    expect("amount", amount, amount.is_finite(), "a finite number")?;
     let found = compute(py, || {
         let found = stages::sharpened(&Texture::new(&picture), amount);
         Ok(found.permuted_axes([2, 0, 1]).as_standard_layout().into_owned())
@@ -131,9 +128,7 @@ impl Photo {
         (camera_name, of): (&str, &Object<'_>),
     ) -> PyResult<Self> {
         let (picture, camera) = (image(image_name, argument)?, camera(camera_name, of)?);
-        if let Some(found) = picture.data().iter().find(|value| !(0.0..=1.0).contains(*value)) {
-            return Err(value(image_name, format!("a value is {found}; expected values in [0, 1]")));
-        }
+        in_range(image_name, picture.as_array())?;
         if picture.size() != camera.size() {
             let what = format!("the photo is {}; expected {} as {camera_name}", picture.size(), camera.size());
             return Err(value(image_name, what));
@@ -207,9 +202,8 @@ pub(crate) fn psnr(py: Python<'_>, image: &Object<'_>, truth: &Object<'_>) -> Py
 #[pyfunction]
 pub(crate) fn ssim(py: Python<'_>, image: &Object<'_>, truth: &Object<'_>) -> PyResult<f64> {
     let (found, truth) = pair(image, truth)?;
-    if found.width().min(found.height()) < 11 {
-        return Err(value("image", format!("the picture is {}; expected at least 11x11", found.size())));
-    }
+    let what = format!("the picture is {}", found.size());
+    expect("image", what, found.width().min(found.height()) >= 11, "at least 11x11")?;
     compute(py, || Ok(liveview_synthesizer::ssim(&found, &truth, 0)))
 }
 

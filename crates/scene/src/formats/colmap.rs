@@ -29,7 +29,7 @@ pub(crate) mod text;
 const MIN_POINTS: usize = 8;
 
 /// Where a sparse model, or several in numbered folders, may lie, in order of precedence.
-const MODEL_FOLDERS: [&str; 4] = ["sparse", "", "colmap/sparse", "distorted/sparse"];
+pub(super) const MODEL_FOLDERS: [&str; 4] = ["sparse", "", "colmap/sparse", "distorted/sparse"];
 
 /// The folders of the sparse models, and their formats.
 fn model_folders(root: &Path) -> Vec<(PathBuf, ModelFormat)> {
@@ -49,14 +49,9 @@ fn model_folders(root: &Path) -> Vec<(PathBuf, ModelFormat)> {
     MODEL_FOLDERS.into_iter().map(models_in).find(|models| !models.is_empty()).unwrap_or_default()
 }
 
-/// Whether a folder holds a sparse model.
-pub(crate) fn is_in(root: &Path) -> bool {
-    !model_folders(root).is_empty()
-}
-
-/// The folder of a sparse model that lacks files, if there is one.
-pub(crate) fn incomplete_model(root: &Path) -> Option<&'static str> {
-    MODEL_FOLDERS.into_iter().find(|folder| !folder.is_empty() && root.join(folder).is_dir())
+/// The folder, if it holds a sparse model.
+pub(super) fn model_in(root: &Path) -> Option<PathBuf> {
+    (!model_folders(root).is_empty()).then(|| root.to_owned())
 }
 
 /// The sparse model with most photos, and its file of these.
@@ -83,12 +78,19 @@ pub(crate) fn read(root: &Path) -> Result<(Model, PathBuf), SceneError> {
     Ok((model, images))
 }
 
-pub(crate) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
+pub(super) fn open(options: &SceneOptions, lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let (root, photos) = (lookup.listed_in, lookup.photos);
     let (mut model, listed_in) = read(root)?;
     let list = list_photos(root, photos, options.images.as_deref())?;
     rename_in_order(&mut model, &list, photos)?;
     let mut found = views(&model, &list, PhotoLookup::new(photos, &listed_in))?;
-    found.notes.extend(unregistered(&list, &found.views));
+    let registered: HashSet<&str> = found.views.iter().map(|view| view.photo.name.as_str()).collect();
+    let is_unregistered = |name: &&String| !registered.contains(list.with_folder(name).as_str());
+    let names: Vec<String> = list.names.iter().filter(is_unregistered).cloned().collect();
+    if !names.is_empty() {
+        let names = (names.len(), abbreviated(&names));
+        found.notes.push(format!("{} photos were not registered by COLMAP, skipped: {}", names.0, names.1));
+    }
     Ok(found)
 }
 
@@ -130,8 +132,15 @@ pub(crate) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>
         };
         let name = safe_name(listed_in, &image.name)?;
         let Some(photo) = lookup.find(&list.with_folder(&name))? else { continue };
-        let (depths, view_errors) = depths_and_errors(image, lens, &model.points);
-        errors.extend(view_errors);
+        let Intrinsics { fx, fy, cx, cy, .. } = lens.intrinsics;
+        // Of the tracked points in front of the camera, their depths and reprojection errors.
+        let projected = image.tracked.iter().filter_map(|&(u, v, id)| {
+            let point = image.rotation * *model.points.get(&id)? + image.translation;
+            let (x, y) = lens.distortion.distort(point.x / point.z, point.y / point.z);
+            (point.z > 0.0).then(|| (point.z, (fx * x + cx - u).hypot(fy * y + cy - v)))
+        });
+        let (depths, of_view): (Vec<f64>, Vec<f64>) = projected.unzip();
+        errors.extend(of_view);
         let view = DeclaredView::new(photo, (lens.intrinsics, lens.size), (image.rotation, image.translation));
         lookup.views.push(DeclaredView { distortion: lens.distortion, depth_range: depth_range(depths), ..view });
     }
@@ -147,26 +156,6 @@ pub(crate) fn views(model: &Model, list: &PhotoList, mut lookup: PhotoLookup<'_>
         found.notes.push("no points3D, which would give the depth range".to_owned());
     }
     Ok(found)
-}
-
-/// The note on photos that COLMAP did not register.
-fn unregistered(list: &PhotoList, views: &[DeclaredView]) -> Option<String> {
-    let registered: HashSet<&str> = views.iter().map(|view| view.photo.name.as_str()).collect();
-    let is_unregistered = |name: &&String| !registered.contains(list.with_folder(name).as_str());
-    let names: Vec<String> = list.names.iter().filter(is_unregistered).cloned().collect();
-    (!names.is_empty())
-        .then(|| format!("{} photos were not registered by COLMAP, skipped: {}", names.len(), abbreviated(&names)))
-}
-
-/// Depths of the tracked points in front of the camera, and their reprojection errors in pixels.
-fn depths_and_errors(image: &Registered, lens: &Lens, points: &HashMap<u64, DVec3>) -> (Vec<f64>, Vec<f64>) {
-    let Intrinsics { fx, fy, cx, cy, .. } = lens.intrinsics;
-    let projected = image.tracked.iter().filter_map(|&(u, v, id)| {
-        let point = image.rotation * *points.get(&id)? + image.translation;
-        let (x, y) = lens.distortion.distort(point.x / point.z, point.y / point.z);
-        (point.z > 0.0).then(|| (point.z, (fx * x + cx - u).hypot(fy * y + cy - v)))
-    });
-    projected.unzip()
 }
 
 /// Near and far depth with a margin, in scene units; `None` for fewer than [`MIN_POINTS`].
@@ -289,19 +278,12 @@ pub(crate) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> 
         let what = format!("a {model} camera with {} parameters", parameters.len());
         return Err(SceneError::malformed(path, what, "the camera model's number of parameters"));
     }
-    // One focal length or two, the principal point, then the first coefficients of FULL_OPENCV's. A
-    // fisheye has k3 and k4 in place of p1 and p2.
+    // One focal length or two, the principal point, then the first coefficients of FULL_OPENCV's or of a fisheye.
     let has_one_focal_length = model.starts_with("SIMPLE") || model.starts_with("RADIAL");
     let (focal, rest) = parameters.split_at(if has_one_focal_length { 1 } else { 2 });
     let (centre, given) = rest.split_at(2);
     let intrinsics = Intrinsics { fx: focal[0], fy: focal[focal.len() - 1], cx: centre[0], cy: centre[1], skew: 0.0 };
-    let mut coefficients = [0.0; 8];
-    coefficients[..given.len()].copy_from_slice(given);
-    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
-    let distortion = match fisheye {
-        true => Distortion { fisheye, division, k: [k1, k2, p1, p2, 0.0, 0.0], p: [0.0; 2] },
-        false => Distortion { fisheye, division, k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
-    };
+    let distortion = Distortion { division, ..Distortion::from_opencv(given, fisheye) };
     // Checked here, so that the error names the file that holds the intrinsics.
     let refused = |source| SceneError::Camera { path: path.to_owned(), image: format!("model {model}"), source };
     Camera::new(intrinsics, 1, 1, DMat3::IDENTITY, DVec3::ZERO).and(distortion.check()).map_err(refused)?;

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use crate::formats::colmap::Model;
-use crate::formats::{colmap, gaussians, llff, metashape, realestate10k, spaces, transforms};
+use crate::formats::{colmap, gaussians, llff, metashape, opensfm, realestate10k, realitycapture, spaces, transforms};
 use crate::photos::PhotoLookup;
 use crate::scene_file::{self, safe_name};
 use crate::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions, View, view};
@@ -49,17 +49,43 @@ pub fn transforms(bytes: &[u8]) -> Opened {
 
 /// Reads a `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
-    finish(spaces::views(bytes, 0, PhotoLookup::new(&AnyPhoto, Path::new("scene/models.json")))?)
+    finish(spaces::views(bytes, &SceneOptions::default(), PhotoLookup::new(&AnyPhoto, Path::new("scene/models.json")))?)
 }
 
 /// Reads a `cameras.json` of 3D Gaussian Splatting.
 pub fn gaussians(bytes: &[u8]) -> Opened {
-    finish(gaussians::views(bytes, PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.json")))?)
+    finish(gaussians::views(
+        bytes,
+        &SceneOptions::default(),
+        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.json")),
+    )?)
 }
 
 /// Reads the cameras that Metashape exports.
 pub fn metashape(bytes: &[u8]) -> Opened {
-    finish(metashape::views(bytes, PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.xml")))?)
+    finish(metashape::views(
+        bytes,
+        &SceneOptions::default(),
+        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.xml")),
+    )?)
+}
+
+/// Reads the camera parameters that RealityCapture exports.
+pub fn realitycapture(bytes: &[u8]) -> Opened {
+    finish(realitycapture::views(
+        bytes,
+        &SceneOptions::default(),
+        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.csv")),
+    )?)
+}
+
+/// Reads a `reconstruction.json` of OpenSfM.
+pub fn opensfm(bytes: &[u8]) -> Opened {
+    finish(opensfm::views(
+        bytes,
+        &SceneOptions::default(),
+        PhotoLookup::new(&AnyPhoto, Path::new("scene/reconstruction.json")),
+    )?)
 }
 
 /// Reads a `cameras.txt` with the photos 1 and 2.

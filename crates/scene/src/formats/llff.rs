@@ -25,13 +25,14 @@ use liveview_files::npy;
 /// Height, width and fx; cx, cy and fy: pixels.
 type Intrinsics23 = [f64; 6];
 
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    let path = root.join("poses_bounds.npy");
+pub(super) fn open(options: &SceneOptions, lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let (path, photos) = (lookup.listed_in, lookup.photos);
+    let root = path.parent().unwrap_or(path);
     let common = root.join("hwf_cxcy.npy");
     let common = if common.is_file() { Some(parse_common(&common, &read(&common)?)?) } else { None };
-    let rows = parse(&path, &read(&path)?, common)?;
+    let rows = parse(path, &read(path)?, common)?;
     let mut list = list_photos(root, photos, options.images.as_deref())?;
-    let others = if list.names.len() > rows.len() { of_other_size(photos, &list, &path) } else { Vec::new() };
+    let others = if list.names.len() > rows.len() { of_other_size(photos, &list, path) } else { Vec::new() };
     if list.names.len() == rows.len() + others.len() {
         list.names.retain(|name| !others.contains(name));
     }
@@ -41,7 +42,7 @@ pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions
         let what = format!("{} poses, but {} holds {} images: {names}", rows.len(), folder.display(), list.names.len());
         return Err(SceneError::malformed(path, what, "one pose per image, so delete the images without a pose"));
     }
-    let mut found = views(&rows, common, &list, PhotoLookup::new(photos, &path))?;
+    let mut found = views(&rows, common, &list, lookup)?;
     if !others.is_empty() {
         found.notes.push(format!("of another size than the photos, left out: {}", abbreviated(&others)));
     }

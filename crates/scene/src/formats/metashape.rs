@@ -2,39 +2,16 @@
 //! sensor: f in pixels, cx and cy from the middle, b1 and b2 (affinity, skew), and Brown's distortion, of which p1 and
 //! p2 are OpenCV's p2 and p1.
 
-use std::fs;
-use std::path::{Path, PathBuf};
-
 use glam::{DMat3, DMat4};
 use roxmltree::Document;
 
 use crate::photos::PhotoLookup;
-use crate::scene_file::{read, text};
+use crate::scene_file::text;
 use crate::view::seen_from;
-use crate::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
+use crate::{DeclaredView, DeclaredViews, Distortion, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size};
-use liveview_files::has_extension;
 
-/// The file in a folder.
-fn file_in(root: &Path) -> Option<PathBuf> {
-    let mut files = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
-    files.find(|path| {
-        has_extension(path, &["xml"])
-            && path.is_file()
-            && read(path).is_ok_and(|bytes| bytes.windows(6).take(4096).any(|six| six == b"<chunk"))
-    })
-}
-
-pub(super) fn is_in(root: &Path) -> bool {
-    file_in(root).is_some()
-}
-
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, _: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    let path = file_in(root).unwrap_or_default();
-    views(&read(&path)?, PhotoLookup::new(photos, &path))
-}
-
-pub(super) fn views(bytes: &[u8], mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
     let path = lookup.listed_in;
     let wrong = |what: String| SceneError::malformed(path, what, "the cameras that Metashape exports");
     let text = text(path, bytes)?;

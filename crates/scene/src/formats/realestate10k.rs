@@ -8,6 +8,7 @@
 //! are in microseconds.
 
 use std::collections::HashMap;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -15,34 +16,28 @@ use glam::{DMat3, DVec3};
 
 use crate::photos::{PhotoLookup, list_photos};
 use crate::scene_file::{abbreviated, read, text};
-use crate::{DeclaredView, DeclaredViews, PhotoList, PhotoSource, SceneError, SceneOptions};
+use crate::{DeclaredView, DeclaredViews, PhotoList, SceneError, SceneOptions};
 use liveview::geometry::Intrinsics;
 use liveview_files::has_extension;
 
 const LINE: &str = "timestamp fx fy cx cy 0 0 and 12 numbers of the pose";
 
-/// Such a file in a folder, and the folder of its photos if it has the same name; COLMAP's text files are named
-/// `cameras.txt` as well.
-fn file_in(root: &Path) -> Option<(PathBuf, Option<String>)> {
+/// Such a file in a folder; COLMAP's text files are named `cameras.txt` as well.
+pub(super) fn file_in(root: &Path) -> Option<PathBuf> {
     let cameras = root.join("cameras.txt");
     if cameras.is_file() {
-        return (!root.join("images.txt").is_file()).then_some((cameras, None));
+        return (!root.join("images.txt").is_file()).then_some(cameras);
     }
-    let files = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut texts = files.filter(|path| has_extension(path, &["txt"]) && path.with_extension("").is_dir());
-    let of_photos = |path: PathBuf| Some((path.clone(), Some(path.file_stem()?.to_str()?.to_owned())));
-    texts.find_map(of_photos)
+    let mut files = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
+    files.find(|path| has_extension(path, &["txt"]) && path.with_extension("").is_dir())
 }
 
-pub(super) fn is_in(root: &Path) -> bool {
-    file_in(root).is_some()
-}
-
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    let (path, folder) = file_in(root).unwrap_or_else(|| (root.join("cameras.txt"), None));
-    let bytes = read(&path)?;
-    let list = list_photos(root, photos, options.images.as_deref().or(folder.as_deref()))?;
-    views(&bytes, &list, PhotoLookup::new(photos, &path))
+pub(super) fn open(options: &SceneOptions, lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let path = lookup.listed_in;
+    // The folder of the photos, if it is named like the file.
+    let folder = path.file_stem().and_then(OsStr::to_str).filter(|stem| *stem != "cameras");
+    let list = list_photos(path.parent().unwrap_or(path), lookup.photos, options.images.as_deref().or(folder))?;
+    views(&read(path)?, &list, lookup)
 }
 
 /// Views of the listed photos.

@@ -10,7 +10,7 @@
 //! but are used if present.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
@@ -18,11 +18,11 @@ use crate::cameras::camera_file::split_json_matrix;
 use crate::photos::PhotoLookup;
 use crate::scene_file::{Fields, mask_note, parse, read_json};
 use crate::undistort::{FISHEYES, PINHOLES};
-use crate::{DeclaredView, DeclaredViews, Distortion, PhotoSource, SceneError, SceneOptions};
+use crate::{DeclaredView, DeclaredViews, Distortion, SceneError, SceneOptions};
 use liveview::geometry::{Intrinsics, Size, cam_from_opengl_world};
 
 /// Its names in a scene folder, in order of precedence, and those of the synthetic scenes' targets.
-const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+pub(super) const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 const TARGETS: [&str; 2] = ["transforms_test.json", "transforms_val.json"];
 
 /// Camera models are refused if their name contains one of these, unless they are [`FISHEYES`].
@@ -31,28 +31,15 @@ const REFUSED: [&str; 7] = ["FISHEYE", "EQUIRECT", "SPHER", "ORTHO", "OMNI", "FO
 /// Flags of panoramas.
 const PANORAMAS: [&str; 4] = ["is_latlong", "latlong", "equirectangular", "is_equirectangular"];
 
-/// The file in a scene folder.
-pub(super) fn file_in(root: &Path) -> Option<PathBuf> {
-    NAMES.map(|name| root.join(name)).into_iter().find(|path| path.is_file())
-}
-
-pub(super) fn open(root: &Path, photos: &dyn PhotoSource, options: &SceneOptions) -> Result<DeclaredViews, SceneError> {
-    open_file(root, &file_in(root).unwrap_or_else(|| root.join(NAMES[0])), photos, options)
-}
-
 /// Reads a file in a scene folder, whatever its name. Of the synthetic scenes, the photos of `transforms_train.json` are
 /// sources and those of another file are targets.
-pub(crate) fn open_file(
-    root: &Path,
-    path: &Path,
-    photos: &dyn PhotoSource,
-    options: &SceneOptions,
-) -> Result<DeclaredViews, SceneError> {
+pub(crate) fn open(options: &SceneOptions, lookup: PhotoLookup<'_>) -> Result<DeclaredViews, SceneError> {
+    let (path, photos) = (lookup.listed_in, lookup.photos);
     let read = |path: &Path| {
         views(&parse(path, &read_json(path)?)?, options.images.as_deref(), PhotoLookup::new(photos, path))
     };
-    let train = root.join(NAMES[1]);
-    let targets = if path == train { root.join(TARGETS[0]) } else { path.to_owned() };
+    let train = path.with_file_name(NAMES[1]);
+    let targets = if path == train { path.with_file_name(TARGETS[0]) } else { path.to_owned() };
     if !train.is_file() || !targets.is_file() || !TARGETS.iter().any(|name| targets.ends_with(name)) {
         return read(path);
     }

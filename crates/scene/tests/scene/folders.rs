@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use liveview_files::npy;
 use liveview_scene::{Format, Scene, SceneOptions};
 use ndarray::Array2;
@@ -326,7 +326,12 @@ const CASES: &[Case] = &[
         "",
         Err(&["a file .out is not supported", "Bundler"]),
     ),
-    ("RealityCapture", |root| write(&root.join("a.csv"), "#name,x,y,alt"), "", Err(&[".csv", "ns-process-data"])),
+    (
+        "RealityCapture without a camera",
+        |root| write(&root.join("a.csv"), "#name,x,y,alt,yaw,pitch,roll,f\n"),
+        "",
+        Err(&["a.csv: no views; expected at least one"]),
+    ),
     (
         "NeuS",
         |root| write(&root.join("cameras_sphere.npz"), "PK"),
@@ -334,26 +339,34 @@ const CASES: &[Case] = &[
         Err(&["cameras_sphere.npz", "decomposeProjectionMatrix"]),
     ),
     ("Polycam", |root| picture(&root.join("keyframes/images/1.jpg"), 64, 48), "", Err(&["ns-process-data polycam"])),
-    ("OpenSfM", |root| write(&root.join("reconstruction.json"), "[]"), "", Err(&["opensfm export_colmap"])),
+    (
+        "RealityCapture's table of positions",
+        |root| write(&root.join("a.csv"), "#name,x,y,alt\na.png,1,2,3\n"),
+        "",
+        Err(&["a file .csv", "RealityCapture (RealityScan): export \"Internal/External camera parameters\""]),
+    ),
 ];
+
+/// Opens what `make` writes in a new folder.
+fn check(what: &str, make: impl Fn(&Path), path: &str, expected: Expected) {
+    let root = tempdir().unwrap();
+    make(root.path());
+    match (Scene::open(&root.path().join(path), &SceneOptions::default()), expected) {
+        (Ok(scene), Ok((count, says))) => {
+            assert_eq!(scene.views.len(), count, "{what}: {:?}", scene.notes);
+            assert_says(&format!("{what}: {}", notes(&scene)), says);
+            for view in 0..count {
+                assert_eq!(scene.load_image(view).unwrap().size(), scene.views[view].camera.size(), "{what}");
+            }
+        }
+        (Err(error), Err(says)) => assert_says(&format!("{what}: {error}"), says),
+        (found, expected) => panic!("{what}: {:?}, expected {expected:?}", found.map(|scene| scene.notes)),
+    }
+}
 
 #[test]
 fn folders_that_people_have_are_read_or_refused_in_words() {
-    for (what, make, path, expected) in CASES {
-        let root = tempdir().unwrap();
-        make(root.path());
-        match (Scene::open(&root.path().join(path), &SceneOptions::default()), expected) {
-            (Ok(scene), Ok((count, says))) => {
-                assert_eq!(scene.views.len(), *count, "{what}: {:?}", scene.notes);
-                assert_says(&format!("{what}: {}", notes(&scene)), says);
-                for view in 0..*count {
-                    assert_eq!(scene.load_image(view).unwrap().size(), scene.views[view].camera.size(), "{what}");
-                }
-            }
-            (Err(error), Err(says)) => assert_says(&format!("{what}: {error}"), says),
-            (found, expected) => panic!("{what}: {:?}, expected {expected:?}", found.map(|scene| scene.notes)),
-        }
-    }
+    CASES.iter().for_each(|(what, make, path, expected)| check(what, make, path, *expected));
 }
 
 #[test]
@@ -413,17 +426,21 @@ fn poses() -> [(DMat3, DVec3); 3] {
     [0.0, 1.0, 2.0].map(|i| (DMat3::from_rotation_y(0.1 * i), DVec3::new(0.2 * i, 0.1, -0.3)))
 }
 
-/// Opens a folder of another program, and compares its cameras with [`poses`] and K of 50, 60, 30, 25.
-fn assert_same_cameras(what: &str, root: &Path, opengl_world: bool) {
+fn three_photos(root: &Path) {
     ["a", "b", "c"].iter().for_each(|name| picture(&root.join(format!("images/{name}.jpg")), 64, 48));
+}
+
+/// Opens a folder of another program, and compares its cameras with [`poses`] and fx, fy, cx, cy.
+fn assert_same_cameras(what: &str, root: &Path, expected: [f64; 4]) {
+    three_photos(root);
     let scene = Scene::open(root, &SceneOptions::default()).unwrap();
     assert_eq!(scene.views.len(), 3, "{what}");
     for (view, (rotation, translation)) in scene.views.iter().zip(poses()) {
         let camera = view.native_camera();
         let k = camera.intrinsics();
         let centre = -(rotation.transpose() * translation);
-        assert!([k.fx - 50.0, k.fy - 60.0].iter().all(|off| off.abs() < 1e-6), "{what}: {k:?}");
-        assert!(opengl_world || (k.cx - 30.0).abs() < 1e-6 && (k.cy - 25.0).abs() < 1e-6, "{what}: {k:?}");
+        let found = [k.fx, k.fy, k.cx, k.cy];
+        assert!(found.iter().zip(expected).all(|(found, one)| (found - one).abs() < 1e-6), "{what}: {k:?}");
         assert!(camera.rotation().abs_diff_eq(rotation, 1e-6), "{what}: {}", camera.rotation());
         assert!(camera.centre().abs_diff_eq(centre, 1e-6), "{what}: {}", camera.centre());
     }
@@ -450,7 +467,7 @@ fn cameras_of_other_programs_are_equal() {
         )
     });
     write(&root.path().join("cameras.json"), format!("[{}]", cameras.collect::<Vec<_>>().join(",")));
-    assert_same_cameras("3D Gaussian Splatting", root.path(), true);
+    assert_same_cameras("3D Gaussian Splatting", root.path(), [50.0, 60.0, 32.0, 24.0]);
 
     let root = tempdir().unwrap();
     let cameras = named().map(|(name, (rotation, translation))| {
@@ -466,5 +483,107 @@ fn cameras_of_other_programs_are_equal() {
         r#"<document><chunk><sensors>{sensor}</sensors><cameras>{cameras}<camera id="9" label="d"/></cameras></chunk></document>"#
     );
     write(&root.path().join("cameras.xml"), text);
-    assert_same_cameras("Metashape", root.path(), false);
+    assert_same_cameras("Metashape", root.path(), [50.0, 60.0, 30.0, 25.0]);
+}
+
+/// A `reconstruction.json` of the three photos with this lens, before it a model of one photo.
+fn opensfm(root: &Path, lens: &str) {
+    three_photos(root);
+    let shots = ["a", "b", "c"].into_iter().zip(poses()).map(|(name, (rotation, translation))| {
+        let turn = DQuat::from_mat3(&rotation).to_scaled_axis().to_array();
+        let translation = translation.to_array();
+        format!(r#""{name}.jpg": {{"rotation": {turn:?}, "translation": {translation:?}, "camera": "v2 64 48"}}"#)
+    });
+    let shots = shots.collect::<Vec<_>>().join(",");
+    let camera = format!(r#""v2 64 48": {{"width": 64, "height": 48, {lens}}}"#);
+    let small = r#"{"cameras": {}, "shots": {"a.jpg": {}}}"#;
+    let text = format!(r#"[{small}, {{"cameras": {{{camera}}}, "shots": {{{shots}}}, "points": {{}}}}]"#);
+    write(&root.join("opensfm/reconstruction.json"), text);
+}
+
+/// RealityCapture's table of the three photos; `lens` from f on. The angles are those of the vendor's matrix, whose
+/// second row is −cos p sin h, −cos p cos h, −sin p and whose third column −cos p sin r, −sin p, −cos p cos r.
+fn realitycapture(root: &Path, header: &str, lens: &str) {
+    three_photos(root);
+    let rows = ["a", "b", "c"].into_iter().zip(poses()).map(|(name, (rotation, translation))| {
+        let (row, column) = (rotation.row(1), rotation.z_axis);
+        let angles = [(-row.x).atan2(-row.y), (-row.z).asin(), (-column.x).atan2(-column.z)].map(f64::to_degrees);
+        let [centre, angles] = [(-(rotation.transpose() * translation)).to_array(), angles]
+            .map(|numbers| numbers.map(|number| number.to_string()).join(","));
+        format!("{name}.jpg,{centre},{angles},{lens}\n")
+    });
+    write(&root.join("scan.csv"), format!("#cameras 3\n{header}\n{}", rows.collect::<String>()));
+}
+
+const COLUMNS: &str = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2";
+/// f of 50 pixels for a side of 64 that stands for 36; the principal point 2 to the left and 1 down.
+const PINHOLE: &str = "28.125,-0.03125,0.015625";
+
+#[test]
+fn cameras_and_lenses_of_opensfm_and_realitycapture_are_equal() {
+    let brown = r#""projection_type": "brown", "focal_x": 0.78125, "focal_y": 0.9375, "c_x": -0.03125, "c_y": 0.015625,
+        "k1": 0.1, "k2": 0.2, "k3": 0.3, "p1": 0.01, "p2": 0.02"#;
+    let root = tempdir().unwrap();
+    opensfm(root.path(), brown);
+    assert_same_cameras("OpenSfM", root.path(), [50.0, 60.0, 30.0, 25.0]);
+    let expected = |k3| {
+        let of =
+            [("k1", 0.1), ("k2", 0.2), ("k3", k3), ("k4", 0.0), ("k5", 0.0), ("k6", 0.0), ("p1", 0.01), ("p2", 0.02)];
+        ("FULL_OPENCV", of)
+    };
+    let scene = Scene::open(root.path(), &SceneOptions::default()).unwrap();
+    assert_eq!(scene.views[0].distortion(), expected(0.3));
+    assert_says(&notes(&scene), &["of 2 models the largest is read, of 3 photos"]);
+
+    for (header, columns) in [("heading", "f,px,py"), ("yaw", "f_35mm,px_norm,py_norm")] {
+        let root = tempdir().unwrap();
+        let header = COLUMNS.replace("heading", header).replace("f,px,py", columns);
+        realitycapture(root.path(), &header, &format!("{PINHOLE},0.1,0.2,0.3,0,0.02,0.01"));
+        assert_same_cameras("RealityCapture", root.path(), [50.0, 50.0, 30.0, 25.0]);
+        let scene = Scene::open(root.path(), &SceneOptions::default()).unwrap();
+        assert_eq!(scene.views[0].distortion(), expected(0.3));
+    }
+}
+
+#[test]
+fn lenses_and_tables_that_are_not_read_are_refused_in_words() {
+    let lens = |of: &str| format!(r#""projection_type": "{of}", "focal": 0.78125, "k1": 0.1"#);
+    for (of, expected) in [
+        ("perspective", Ok((3, &["undistorted on load"][..]))),
+        ("fisheye", Ok((3, &["undistorted on load"][..]))),
+        ("spherical", Err(&["the lens spherical of v2 64 48 is not supported", "opensfm undistort"][..])),
+        ("fisheye62", Err(&["the lens fisheye62 of v2 64 48 is not supported"][..])),
+    ] {
+        check(of, |root| opensfm(root, &lens(of)), "", expected);
+    }
+    let focal = &["v2 64 48: focal is missing; expected a number"];
+    check("no focal length", |root| opensfm(root, r#""k1": 0"#), "", Err(focal));
+    let file = |text: &'static str| {
+        move |root: &Path| {
+            three_photos(root);
+            write(&root.join("reconstruction.json"), text);
+        }
+    };
+    check(
+        "no model",
+        file("[]"),
+        "",
+        Err(&["reconstruction.json: the file holds no model; expected a list of models"]),
+    );
+    check("no shots", file(r#"[{"cameras": {}}]"#), "", Err(&["the model: shots is missing; expected an object"]));
+    let nameless = r#"[{"cameras": {}, "shots": {"a.jpg": {"camera": "x"}}}]"#;
+    check("no camera", file(nameless), "", Err(&["a.jpg: camera is \"x\"; expected the name of one of cameras"]));
+
+    for (lens, expected) in [
+        ("0,0,0,0,0,0", Ok((3, &[][..]))),
+        ("0.1,0.2,0.3,0,0,0", Ok((3, &["undistorted on load"][..]))),
+        ("0.1,0.2,0.3,0.4,0,0", Err(&["the lens of images/a.jpg, of Brown4", "align with the model Brown3"][..])),
+        ("0.1,0,0,0,0,0", Err(&["perhaps a division model", "export undistorted photos"][..])),
+        ("0.1,x,0,0,0,0", Err(&["line 3: k2 is \"x\"; expected a number"][..])),
+    ] {
+        check(lens, |root| realitycapture(root, COLUMNS, &format!("{PINHOLE},{lens}")), "", expected);
+    }
+    let no_centre = COLUMNS.replace(",x,", ",u,");
+    let expected: Expected = Err(&["line 3: x is missing; expected a number"]);
+    check("no x", |root| realitycapture(root, &no_centre, PINHOLE), "", expected);
 }
