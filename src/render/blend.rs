@@ -280,4 +280,11 @@ mod tests {
     fn uncovered_pixel_is_transparent() {
         assert_eq!(blend(&[1.0, 2.0], &[9.0, 0.0], &[0.0, 0.0]), (0.0, [0.0; 3], false));
     }
+
+    #[test]
+    fn differences_of_logits_far_apart_from_0_are_kept() {
+        // Steps of f32 are 1/16 there: the weights are those of the distances alone, 1/2 and 1/3.
+        let (_, rgb, _) = blend(&[1.0, 2.0, 3.0], &[0.0, 1e6, 1e6], &[0.0, 1.0, 1.0]);
+        assert!((rgb[0] - (0.2 / 2.0 + 0.3 / 3.0) / (1.0 / 2.0 + 1.0 / 3.0)).abs() < 1e-6, "{rgb:?}");
+    }
 }
