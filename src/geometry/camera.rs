@@ -398,4 +398,15 @@ mod tests {
         let rounded = DMat3::from_diagonal(DVec3::new(1.0004, 1.0, 1.0));
         assert!(Camera::new(K, 640, 480, rounded, DVec3::ZERO).is_ok());
     }
+
+    #[test]
+    fn shrunk_camera_sees_a_point_in_the_cell_of_its_pixel() {
+        let (camera, ray) = (camera(), DVec3::new(0.1, -0.2, 1.0));
+        for (cell, size) in [(2, (320, 240)), (7, (92, 69))] {
+            let shrunk = camera.shrunk(cell);
+            assert_eq!((shrunk.width(), shrunk.height()), size);
+            let expected = camera.k() * ray * DVec3::new(1.0 / cell as f64, 1.0 / cell as f64, 1.0);
+            assert!((shrunk.k() * ray).abs_diff_eq(expected, 1e-12), "{cell}");
+        }
+    }
 }

@@ -95,4 +95,18 @@ mod tests {
         let black = ImageRgb::new(5, 3, vec![0.0; 45]).unwrap();
         assert_eq!(inpaint_uncovered(&black, &Array2::ones((3, 5))).data(), black.data());
     }
+
+    #[test]
+    fn a_gap_is_a_ramp_from_one_side_to_the_other() {
+        let grey = |values: &[f32]| values.iter().flat_map(|&value| [value; 3]).collect::<Vec<_>>();
+        let picture = ImageRgb::new(4, 1, grey(&[0.0, 0.0, 0.0, 0.8])).unwrap();
+        let filled = inpaint_uncovered(&picture, &ndarray::arr2(&[[0.0, 1.0, 1.0, 0.0]]));
+        // At half the size the two sides are whole pixels, of which the gap is sampled at 1/4 and 3/4.
+        let expected = grey(&[0.0, 0.2, 0.6, 0.8]);
+        assert!(filled.data().iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6), "{:?}", filled.data());
+        // Half transparent: half of its own colour, and half of what lies around.
+        let picture = ImageRgb::new(2, 2, grey(&[0.4, 0.4, 0.4, 0.1])).unwrap();
+        let filled = inpaint_uncovered(&picture, &ndarray::arr2(&[[0.0, 0.0], [0.0, 0.5]]));
+        assert!((filled.pixel(1, 1)[0] - (0.1 + 0.5 * 1.3 / 3.5)).abs() < 1e-6, "{:?}", filled.data());
+    }
 }

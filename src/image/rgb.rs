@@ -152,3 +152,16 @@ pub(super) fn check_buffer(len: usize, width: usize, height: usize, channels: us
     let expected = width.checked_mul(height).and_then(|pixels| pixels.checked_mul(channels));
     if expected == Some(len) { Ok(()) } else { Err(ImageError::Buffer { len, width, height, channels }) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eight_bits_are_rounded_and_clamped() {
+        let values = [-0.5, 0.499 / 255.0, 0.501 / 255.0, 127.4 / 255.0, 127.6 / 255.0, 1.5];
+        let picture = ImageRgb::new(2, 1, values.to_vec()).unwrap();
+        assert_eq!(picture.to_rgb8(), [0, 0, 1, 127, 128, 255]);
+        assert_eq!(picture.in_8_bits().data(), [0.0, 0.0, 1.0, 127.0, 128.0, 255.0].map(|value| value / 255.0));
+    }
+}

@@ -224,6 +224,35 @@ mod tests {
         assert!(matches!(unsorted, LayersError::Unsorted { index: 2, value: 0.75, before: 0.5 }), "{unsorted}");
         assert!(Layers::pixels(vec![map(0.5), map(0.5), map(0.0)]).is_ok());
     }
+
+    #[test]
+    fn each_kind_of_layer_fills_a_target() {
+        let filled = |layers: Layers| {
+            assert_eq!((layers.len(), layers.as_slice().len()), (1, 1));
+            let mut out = vec![-1.0; 4 * 2];
+            layers.as_slice()[0].fill(4, &mut out);
+            out
+        };
+        assert_eq!(filled(Layers::planes(&[0.25]).unwrap()), [0.25; 8]);
+        let cells = Array2::from_shape_vec((1, 2), vec![1.0, 3.0]).unwrap();
+        assert_eq!(filled(Layers::maps(vec![cells]).unwrap()), [1.0, 1.5, 2.5, 3.0, 1.0, 1.5, 2.5, 3.0]);
+        // In the order of its columns in memory.
+        let pixels = Array2::from_shape_fn((4, 2), |(x, y)| (4 * y + x) as f32).reversed_axes();
+        assert_eq!(filled(Layers::pixels(vec![pixels]).unwrap()), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+    }
+
+    #[test]
+    fn equal_planes_are_allowed_and_numbers_beyond_f32_and_other_shapes_are_not() {
+        assert_eq!(Layers::planes(&[0.5, 0.5, 0.0]).unwrap().len(), 3);
+        for value in [-1e-9, 1e39, f64::INFINITY] {
+            assert_eq!(Layers::planes(&[value]).unwrap_err(), LayersError::NotADisparity { index: 0, value });
+        }
+        let unsorted = LayersError::Unsorted { index: 2, value: 0.4, before: 0.3 };
+        assert_eq!(Layers::planes(&[0.5, 0.3, 0.4]).unwrap_err(), unsorted);
+        let shape = LayersError::Shape { index: 1, found: (2, 1), expected: (1, 2) };
+        assert_eq!(Layers::maps(vec![Array2::zeros((1, 2)), Array2::zeros((2, 1))]).unwrap_err(), shape);
+        assert_eq!(Layers::maps(vec![]).unwrap_err(), LayersError::Empty);
+    }
 }
 
 #[cfg(test)]
@@ -234,5 +263,17 @@ mod uniform_tests {
     fn uniform_planes_run_from_near_to_far_and_reach_infinity() {
         assert_eq!(uniform_disparities(0.5, f64::INFINITY, 3).unwrap(), [2.0, 1.0, 0.0]);
         assert_eq!(uniform_disparities(1.0, 2.0, 1).unwrap(), [0.75]);
+    }
+
+    #[test]
+    fn uniform_planes_need_a_range_that_f32_holds() {
+        assert_eq!(uniform_disparities(1.0, 4.0, 4).unwrap(), [1.0, 0.75, 0.5, 0.25]);
+        assert_eq!(uniform_disparities(1.0, 4.0, 0), Err(LayersError::Empty));
+        for (near, far) in [(1.0, 1.0), (2.0, 1.0), (-1.0, 1.0), (1e-39, 1.0), (f64::INFINITY, f64::INFINITY)] {
+            assert_eq!(uniform_disparities(near, far, 2), Err(LayersError::Range { near, far }));
+        }
+        assert!(
+            matches!(Layers::uniform(1.0, 4.0, 3).unwrap().as_slice(), [Layer::Plane(a), Layer::Plane(b), Layer::Plane(c)] if [*a, *b, *c] == [1.0, 0.625, 0.25])
+        );
     }
 }

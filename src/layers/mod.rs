@@ -95,4 +95,20 @@ mod tests {
         assert_eq!(select_planes(&bins, 2), [1, 3]);
         assert_eq!(select_planes(&bins, 9), [0, 1, 2, 3, 4]);
     }
+
+    #[test]
+    fn padded_sides_are_multiples_of_eight() {
+        assert_eq!(padded(Size::new(1, 8)), Size::new(8, 8));
+        assert_eq!(padded(Size::new(17, 31)), Size::new(24, 32));
+    }
+
+    #[test]
+    fn enlarged_maps_are_interpolated_in_both_directions() {
+        let map = ndarray::arr2(&[[0.0, 4.0], [8.0, 20.0]]);
+        let mut enlarged = [0.0; 4 * 4];
+        enlarge(map.view(), 2, 4, &mut enlarged);
+        assert_eq!(enlarged[..4], [0.0, 1.0, 3.0, 4.0]);
+        assert_eq!(enlarged[4..8], [2.0, 3.5, 6.5, 8.0]);
+        assert_eq!(enlarged[12..], [8.0, 11.0, 17.0, 20.0]);
+    }
 }

@@ -280,4 +280,83 @@ mod tests {
     fn uncovered_pixel_is_transparent() {
         assert_eq!(blend(&[1.0, 2.0], &[9.0, 0.0], &[0.0, 0.0]), (0.0, [0.0; 3], false));
     }
+
+    #[test]
+    fn differences_of_logits_far_apart_from_0_are_kept() {
+        // Steps of f32 are 1/16 there: the weights are those of the distances alone, 1/2 and 1/3.
+        let (_, rgb, _) = blend(&[1.0, 2.0, 3.0], &[0.0, 1e6, 1e6], &[0.0, 1.0, 1.0]);
+        assert!((rgb[0] - (0.2 / 2.0 + 0.3 / 3.0) / (1.0 / 2.0 + 1.0 / 3.0)).abs() < 1e-6, "{rgb:?}");
+    }
+
+    #[test]
+    fn factors_are_powers_of_the_relative_distance() {
+        let weights = DistanceWeights::with_power(&[0.0, 2.0, 4.0], 1.5);
+        assert_eq!((&weights.bias[..2], &weights.coincident[..]), (&[0.0, 0.0][..], &[1.0, 0.0, 0.0][..]));
+        assert!((weights.bias[2] - 1.5 * 0.5_f32.ln()).abs() < 1e-6, "{weights:?}");
+        assert_eq!(DistanceWeights::new(&[2.0, 4.0]), DistanceWeights::with_power(&[2.0, 4.0], 1.0));
+    }
+
+    /// Three views over more pixels than are computed together, with summaries of their coverage and without.
+    #[test]
+    fn rows_equal_their_definition_whatever_is_known_of_their_coverage() {
+        let (views, pixels, from, count) = (3, 700, 64, 330);
+        let noise = |at: usize| ((at as u32).wrapping_mul(2_654_435_761) >> 20) as f32 / 4096.0;
+        let kind = |view: usize, pixel: usize| (pixel / RUN + 2 * view) % 4;
+        let coverage: Vec<f32> = (0..views * pixels)
+            .map(|at| match kind(at / pixels, at % pixels) {
+                0 => 0.0,
+                1 | 2 => 1.0,
+                _ => (noise(at) - 0.3).max(0.0),
+            })
+            .collect();
+        let logits: Vec<f32> = (0..views * pixels).map(|at| 8.0 * noise(at + 5) - 4.0).collect();
+        let colour: Vec<f32> = (0..3 * views * pixels)
+            .map(|at| noise(at + 9) * coverage[at / (3 * pixels) * pixels + at % pixels])
+            .collect();
+        let samples = LayerSamples { logits: &logits, colour: &colour, coverage: &coverage };
+        for distances in [[1.0, 2.0, 3.0], [0.0, 1.0, 1.5]] {
+            let weights = DistanceWeights::new(&distances);
+            let known: Vec<Vec<RunCoverage>> = (0..views)
+                .map(|view| {
+                    (0..count.div_ceil(RUN))
+                        .map(|run| {
+                            [RunCoverage::None, RunCoverage::All, RunCoverage::Partial, RunCoverage::Partial]
+                                [kind(view, from + run * RUN)]
+                        })
+                        .collect()
+                })
+                .collect();
+            let known: Vec<&[RunCoverage]> = known.iter().map(Vec::as_slice).collect();
+            let [mut plain, mut out] = [Blended::new(count), Blended::new(count)];
+            samples.blend(&weights, from, &mut plain);
+            blend_run(&samples, &weights, from, &known, &mut out);
+            assert_eq!(plain, out);
+            for i in 0..count {
+                let at = |view: usize| view * pixels + from + i;
+                let covers = |view: &usize| coverage[at(*view)] > 0.0;
+                let coincident = (0..views).filter(covers).any(|view| distances[view] == 0.0);
+                let weight = |view: usize| {
+                    let logit = if view == 0 { 0.0 } else { f64::from(logits[at(view)]) };
+                    let nearest = distances.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+                    let factor = if distances[view] == 0.0 { 1.0 } else { nearest / distances[view] };
+                    if coincident == (distances[view] == 0.0) && covers(&view) { logit.exp() * factor } else { 0.0 }
+                };
+                let total: f64 = (0..views).map(|view| weight(view) * f64::from(coverage[at(view)])).sum();
+                assert_eq!(out.covered[i], total > 0.0, "{i}");
+                let alpha = if total > 0.0 { 1.0 / (1.0 + (-f64::from(logits[at(0)])).exp()) } else { 0.0 };
+                assert!((f64::from(out.alpha[i]) - alpha).abs() < 1e-6, "{i}");
+                for c in 0..3 {
+                    let sum: f64 = (0..views)
+                        .map(|view| weight(view) * f64::from(colour[(3 * view + c) * pixels + from + i]))
+                        .sum();
+                    let expected = if total > 0.0 { sum / total } else { 0.0 };
+                    assert!(
+                        (f64::from(out.rgb[c][i]) - expected).abs() < 1e-6,
+                        "{i}: {}, not {expected}",
+                        out.rgb[c][i]
+                    );
+                }
+            }
+        }
+    }
 }

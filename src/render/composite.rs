@@ -174,4 +174,13 @@ mod tests {
         row.add(0, &layer(0.0, 0.5, false), &[1.0], true);
         assert_eq!(row.transmittance[0], 1.0);
     }
+
+    #[test]
+    fn the_nearer_of_two_equal_layers_is_the_best() {
+        let mut row = Accumulated::new(1);
+        for (index, alpha) in [0.1, 0.5, 0.5].into_iter().enumerate() {
+            row.add(index as u32, &layer(alpha, 1.0, true), &[1.0], false);
+        }
+        assert_eq!((row.best_alpha[0], row.best_layer[0]), (0.5, 1));
+    }
 }

@@ -190,4 +190,13 @@ mod tests {
         let tied = composite(1.0, &[(1.0, 0.0, true), (2.0, 0.0, true), (2.0, 0.0, true)]);
         assert_eq!(tied.best_layer, [1]);
     }
+
+    #[test]
+    fn sums_of_many_layers_are_as_precise_as_the_exponential() {
+        let (layers, logit) = (4096, -1.1_f32);
+        let behind = (1..layers).map(|_| (logit, 0.0, true));
+        let row = composite(1.0, &std::iter::once((0.0, 1.0, true)).chain(behind).collect::<Vec<_>>());
+        let expected = 1.0 / (1.0 + f64::from(layers - 1) * f64::from(logit).exp());
+        assert!((row.rgb[0][0] / expected - 1.0).abs() < 1e-9, "{} {expected}", row.rgb[0][0]);
+    }
 }

@@ -139,3 +139,79 @@ fn hide(view: &mut LayerBand<'_>, run: usize, span: Range<usize>) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::geometry::{Intrinsics, PlaneSweep};
+    use crate::image::ImageRgb;
+    use crate::warp::{Texture, warp_layers};
+
+    const WIDTH: usize = 72;
+    const HEIGHT: usize = 16;
+    const MARGIN: f32 = 0.1;
+
+    fn camera(x: f64) -> Camera {
+        let intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 36.0, cy: 8.0, skew: 0.0 };
+        Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(x, 0.03, 0.1 * x)).unwrap()
+    }
+
+    #[test]
+    fn occluded_equals_its_definition() {
+        let noise = |at: usize| (at as u32).wrapping_mul(2_654_435_761) >> 12;
+        let (target, cameras) = (camera(0.0), [camera(1.3), camera(-0.7), camera(0.4)]);
+        let photo = |k: usize| (0..3 * WIDTH * HEIGHT).map(|at| (noise(at + k) % 200) as f32 / 200.0).collect();
+        let photos = [0, 1, 2].map(|k| Texture::new(&ImageRgb::new(WIDTH, HEIGHT, photo(k)).unwrap()));
+        // Depths in blocks: unknown, before the layer, and behind it.
+        let own = |k: usize| {
+            Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| {
+                [-1.0, 0.95, 0.75, 0.1][noise(x / 3 + 9 * (y / 2) + 99 * k) as usize % 4]
+            })
+        };
+        let depths = [0, 1, 2].map(own);
+        let layer = Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| 0.5 + 0.004 * x as f32 + 0.001 * y as f32);
+        let views: Vec<_> =
+            cameras.iter().zip(&photos).map(|(camera, texture)| SourceView { camera, texture }).collect();
+        let visibility = Visibility { disparities: depths.iter().collect(), margin: MARGIN, is_seen: true };
+        let correction = ViewCorrection { gains: [1.0; 3], sharpening: 0.0 };
+        let (found_colour, found_coverage, found_seen) =
+            occluded(&visibility, &[correction; 3], &views, &target, &layer);
+
+        let (pixels, size) = (WIDTH * HEIGHT, Size::new(WIDTH, HEIGHT));
+        let (mut colour, mut coverage) = (vec![0.0; 9 * pixels], vec![0.0; 3 * pixels]);
+        warp_layers(layer.as_slice().unwrap(), &warp_sources(&views, &target), size, &mut colour, &mut coverage);
+        let mut met = [0; 3];
+        for ((y, x), &disparity) in layer.indexed_iter() {
+            let (at, mut clear) = (y * WIDTH + x, true);
+            let hidden = [0, 1, 2].map(|view| {
+                let sweep = PlaneSweep::new(&cameras[view], &target);
+                let uvw = sweep.source_from_target(disparity.into()) * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+                let (u, v, there) = (uvw.x / uvw.z, uvw.y / uvw.z, f64::from(disparity) / uvw.z);
+                let inside = (0.0..WIDTH as f64).contains(&u) && (0.0..HEIGHT as f64).contains(&v);
+                let own = if inside { f64::from(depths[view][(v as usize, u as usize)]) } else { -1.0 };
+                // Not where rounding decides.
+                clear &= (u - u.round()).abs() > 1e-4
+                    && (v - v.round()).abs() > 1e-4
+                    && (own - there - f64::from(MARGIN)).abs() > 1e-5;
+                own - there >= f64::from(MARGIN)
+            });
+            if !clear {
+                continue;
+            }
+            let remaining: f32 = (0..3).filter(|&view| !hidden[view]).map(|view| coverage[view * pixels + at]).sum();
+            let seen = remaining > 0.05;
+            assert_eq!(found_seen[(y, x)], seen, "row {y}, column {x}");
+            met[if !seen { 0 } else { usize::from(hidden.contains(&true)) + 1 }] += 1;
+            for view in 0..3 {
+                let share = if seen && hidden[view] { 0.0 } else { 1.0 };
+                assert_eq!(found_coverage[(view, y, x)], share * coverage[view * pixels + at], "row {y}, column {x}");
+                for c in 3 * view..3 * view + 3 {
+                    assert_eq!(found_colour[(c, y, x)], share * colour[c * pixels + at], "row {y}, column {x}");
+                }
+            }
+        }
+        assert!(met.iter().all(|&count| count > 20), "{met:?}");
+    }
+}

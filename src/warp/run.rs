@@ -63,3 +63,28 @@ pub(super) fn clamp_from_zero(x: f64, high: f64) -> f64 {
     let x = if x > 0.0 { x } else { 0.0 };
     if x < high { x } else { high }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_hold_a_bit_for_each_pixel() {
+        let run = |len| Run { index: 0, first: 7, len };
+        assert_eq!((run(64).bits(), run(3).bits(), run(1).span()), (u64::MAX, 0b111, 7..8));
+    }
+
+    #[test]
+    fn numbers_are_rounded_and_clamped() {
+        let rounded = [-2.5, -0.51, -0.5, 0.49, 1.5, 2.5, 4_000_000.0].map(round_to_i32);
+        assert_eq!(rounded, [-2, -1, 0, 0, 2, 2, 4_000_000]);
+        assert_eq!(
+            [-3.0, -1.0, 0.5, 2.0, 9.0, f32::NAN].map(|x| clamp(x, -1.0, 2.0)),
+            [-1.0, -1.0, 0.5, 2.0, 2.0, -1.0]
+        );
+        assert_eq!(
+            [-3.0, 0.0, 0.5, 2.0, 9.0, f64::NAN].map(|x| clamp_from_zero(x, 2.0)),
+            [0.0, 0.0, 0.5, 2.0, 2.0, 0.0]
+        );
+    }
+}

@@ -182,4 +182,67 @@ mod tests {
         let photo = Texture::new(&ImageRgb::new(2, 1, values.to_vec()).unwrap());
         assert_eq!([photo.pixel(0, 0), photo.pixel(1, 0)].concat(), [0.0, 0.0, 0.0, SMALLEST_VALUE, 0.5, 1.0]);
     }
+
+    fn photo(width: usize, height: usize) -> ImageRgb {
+        let values = (0..3 * width * height).map(|i| (i * 37 % 101) as f32 / 100.0).collect();
+        ImageRgb::new(width, height, values).unwrap()
+    }
+
+    /// That the texels inside are these colours and 1, and those of the border 0.
+    fn assert_texels(texture: &Texture, (width, height): (usize, usize), colour: impl Fn(usize, usize, usize) -> f32) {
+        assert_eq!((texture.width(), texture.height(), texture.stride() as usize), (width, height, width + 3));
+        assert_eq!(
+            (texture.texels.len(), texture.bytes()),
+            ((width + 3) * (height + 3), 16 * (width + 3) * (height + 3))
+        );
+        for (at, texel) in texture.texels.iter().enumerate() {
+            let (x, y) = ((at % (width + 3)).wrapping_sub(1), (at / (width + 3)).wrapping_sub(1));
+            if x < width && y < height {
+                let close = (0..3).all(|c| (texel[c] - colour(x, y, c)).abs() < 1e-6);
+                assert!(close && texel[3] == 1.0, "({x}, {y}) of {width}x{height}: {texel:?}");
+                assert_eq!(texture.pixel(x, y), texel[..3]);
+            } else {
+                assert_eq!(*texel, [0.0; 4], "texel {at} of {width}x{height}");
+            }
+        }
+    }
+
+    #[test]
+    fn shrunk_photos_hold_the_means_of_their_cells() {
+        for (width, height, cell) in [(8, 6, 2), (7, 5, 2), (10, 11, 4), (3, 2, 5)] {
+            let photo = photo(width, height);
+            let mean = |x: usize, y: usize, c: usize| {
+                let (rows, columns) = (cell * y..(cell * y + cell).min(height), cell * x..(cell * x + cell).min(width));
+                let count = rows.len() * columns.len();
+                rows.flat_map(|y| columns.clone().map(move |x| (x, y))).map(|(x, y)| photo.pixel(x, y)[c]).sum::<f32>()
+                    / count as f32
+            };
+            let shrunk = Texture::new(&photo).shrunk(cell);
+            assert_texels(&shrunk, (width.div_ceil(cell), height.div_ceil(cell)), mean);
+        }
+    }
+
+    #[test]
+    fn sharpened_photos_have_their_detail_added() {
+        let mut out = Texture::new(&photo(40, 3));
+        for (width, height) in [(1, 1), (2, 3), (3, 1), (9, 6), (20, 4)] {
+            let photo = photo(width, height);
+            let texture = Texture::new(&photo);
+            assert_texels(&texture, (width, height), |x, y, c| photo.pixel(x, y)[c]);
+            texture.sharpen(0.1, &mut out);
+            let sharpened = |x: usize, y: usize, c: usize| {
+                let here = photo.pixel(x, y)[c];
+                let around = [
+                    (x.saturating_sub(1), y),
+                    ((x + 1).min(width - 1), y),
+                    (x, y.saturating_sub(1)),
+                    (x, (y + 1).min(height - 1)),
+                ];
+                let around: f32 = around.into_iter().map(|(x, y)| photo.pixel(x, y)[c]).sum();
+                (here + 0.1 * (4.0 * here - around)).clamp(0.0, 1.0)
+            };
+            assert_texels(&out, (width, height), sharpened);
+            assert!(out.id() != texture.id() && out.id() > 0);
+        }
+    }
 }

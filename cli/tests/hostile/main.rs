@@ -1,6 +1,6 @@
-//! Hostile input: 200 scene folders with random faults, and a list of commands. Each run must end
-//! within a time limit with a picture or with an error that names a file, and must not change
-//! existing files.
+//! Hostile input: runs by seed, half of them of scene folders with random faults, and a list of commands. Each
+//! run must end within a time limit with a picture or with an error that names a file or field, and must not
+//! change existing files. `ATTACKS` is the number of runs by seed (`make attack`).
 #![cfg(unix)]
 
 #[path = "../common/mod.rs"]
@@ -11,10 +11,13 @@ mod scene_common;
 #[path = "../../../tests/wheel/mod.rs"]
 mod wheel;
 
+mod attacks;
 mod commands;
 mod faults_of_photos;
 mod faults_of_poses;
 mod interrupts;
+#[cfg(feature = "viewer")]
+mod requests;
 mod scene;
 mod snapshot;
 mod videos;
@@ -28,8 +31,10 @@ use rayon::prelude::*;
 use scene::Hostile;
 use snapshot::snapshot;
 
-/// Number of scene folders.
-const FOLDERS: u64 = 200;
+/// Number of runs by seed.
+fn attack_count() -> u64 {
+    std::env::var("ATTACKS").map_or(400, |count| count.parse().expect("a number of runs"))
+}
 
 /// Time limit of a run; most take about 10 ms.
 const LIMIT: Duration = Duration::from_secs(30);
@@ -40,14 +45,17 @@ fn program() -> std::ffi::OsString {
 }
 
 #[test]
-fn hostile_scenes_give_a_picture_or_an_error_that_names_a_file() {
-    let results: Vec<Result<bool, String>> = (0..FOLDERS).into_par_iter().map(render).collect();
+fn attacks_give_a_picture_or_one_error_that_names_what_is_wrong() {
+    let count = attack_count();
+    let run = |seed: u64| if seed.is_multiple_of(2) { render(seed / 2) } else { attacks::attack(seed) };
+    let results: Vec<_> =
+        (0..count).into_par_iter().map(|seed| run(seed).map_err(|why| format!("run {seed}: {why}"))).collect();
     let failures: Vec<_> = results.iter().filter_map(|result| result.as_ref().err()).map(String::as_str).collect();
-    assert!(failures.is_empty(), "{} of {FOLDERS} folders:\n{}", failures.len(), failures.join("\n"));
+    assert!(failures.is_empty(), "{} of {count} runs:\n{}", failures.len(), failures.join("\n"));
     let pictures = results.iter().filter(|result| **result == Ok(true)).count() as u64;
-    println!("{pictures} pictures, {} errors", FOLDERS - pictures);
-    // The generator must cover both results.
-    assert!((FOLDERS / 10..=FOLDERS * 9 / 10).contains(&pictures), "{pictures} pictures");
+    println!("{count} runs: {pictures} pictures, {} errors", count - pictures);
+    // The generators must cover both results.
+    assert!((count / 10..=count * 9 / 10).contains(&pictures), "{pictures} pictures");
 }
 
 /// Renders one folder; returns whether it gave a picture, or how it failed.

@@ -26,7 +26,7 @@ pub(crate) struct Hostile {
 
 impl Hostile {
     pub(crate) fn new(seed: u64) -> Self {
-        let mut random = Random(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut random = Random::new(seed);
         let root = tempfile::tempdir().unwrap();
         let scene = root.path().join("scene");
         fs::create_dir(root.path().join("out")).unwrap();
@@ -58,6 +58,10 @@ impl Format {
 
     /// Writes the poses of the five photos.
     pub(crate) fn write(self, scene: &Path) {
+        // An earlier fault may have put something else in its place.
+        for path in self.files().iter().map(|file| scene.join(file)).filter(|path| !path.is_file()) {
+            let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
+        }
         let colmap = Colmap { camera: Colmap::PINHOLE, names: &NAMES };
         match self {
             Self::Transforms => write(&scene.join("transforms.json"), transforms().to_string()),
@@ -107,6 +111,10 @@ pub(crate) fn random_photo(scene: &Path, random: &mut Random) -> PathBuf {
 pub(crate) struct Random(u64);
 
 impl Random {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+    }
+
     pub(crate) fn below(&mut self, count: usize) -> usize {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

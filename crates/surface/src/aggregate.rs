@@ -419,3 +419,74 @@ fn jump_penalty(difference: f32) -> f32 {
     // Rounded, halves away from 0: the sum is exact.
     (jump.max(1.01 * STEP_PENALTY) * COST_SCALE + 0.5).floor()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use liveview::image::ImageRgb;
+    use liveview::warp::Texture;
+
+    const WIDTH: usize = 21;
+    const HEIGHT: usize = 7;
+    /// Planes, all of them candidates of each cell.
+    const COUNT: usize = 2 * SEGMENT;
+
+    fn noise(at: usize, below: u32) -> u32 {
+        ((at as u32).wrapping_mul(2_654_435_761) >> 8) % below
+    }
+
+    /// Costs along one path to each cell, by the recurrence of the module's documentation, in whole numbers.
+    fn path(costs: &[u16], colour: &[f32], (dx, dy): (isize, isize)) -> Vec<i64> {
+        let mut all = vec![0; costs.len()];
+        let cells = 0..WIDTH * HEIGHT;
+        let order: Vec<usize> = if dx + dy > 0 { cells.collect() } else { cells.rev().collect() };
+        for at in order {
+            let (x, y) = ((at % WIDTH).checked_add_signed(-dx), (at / WIDTH).checked_add_signed(-dy));
+            let before = x.zip(y).filter(|&(x, y)| x < WIDTH && y < HEIGHT).map(|(x, y)| y * WIDTH + x);
+            for d in 0..COUNT {
+                let own = i64::from(costs[at * COUNT + d]);
+                let Some(before) = before else {
+                    all[at * COUNT + d] = own;
+                    continue;
+                };
+                let previous = &all[before * COUNT..][..COUNT];
+                let least = *previous.iter().min().unwrap();
+                let contrast =
+                    f64::from((0..3).map(|c| (colour[3 * at + c] - colour[3 * before + c]).abs()).sum::<f32>()) / 3.0;
+                let [step, jump] =
+                    [0.01, (0.12 / (1.0 + contrast / 0.05)).max(0.0101)].map(|p| (p * 32768.0_f64).round() as i64);
+                let steps = [d.checked_sub(1), Some(d + 1).filter(|&d| d < COUNT)]
+                    .into_iter()
+                    .flatten()
+                    .map(|d| previous[d] + step);
+                all[at * COUNT + d] = own + steps.fold(previous[d].min(least + jump), i64::min) - least;
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn aggregation_equals_its_recurrence() {
+        let colour: Vec<f32> = (0..3 * WIDTH * HEIGHT)
+            .map(|at| noise(at + 5, 64) as f32 / if at % 4 == 0 { 64.0 } else { 640.0 })
+            .collect();
+        let photo = Planes::new(&Texture::new(&ImageRgb::new(WIDTH, HEIGHT, colour.clone()).unwrap()));
+        let costs: Vec<u16> = (0..WIDTH * HEIGHT * COUNT).map(|at| noise(at, 4900) as u16).collect();
+        let grid = Grid::new(1.0, 4.0, COUNT - 3); // the last planes only fill the segment
+        let found = aggregate(&costs, &photo, &grid, Candidates::All);
+        let paths = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|towards| path(&costs, &colour, towards));
+        let mut inner = 0;
+        for (at, &found) in found.iter().enumerate() {
+            let sums: Vec<i64> = (0..COUNT).map(|d| paths.iter().map(|path| path[at * COUNT + d]).sum()).collect();
+            let k = (0..grid.count).min_by_key(|&d| sums[d]).unwrap();
+            let mut expected = k as f32;
+            if k > 0 && k + 1 < grid.count {
+                let [a, b, c] = [sums[k - 1], sums[k], sums[k + 1]].map(|sum| sum as f32);
+                expected += if a - 2.0 * b + c > 0.0 { (a - c) / (2.0 * (a - 2.0 * b + c)) } else { 0.0 };
+                inner += 1;
+            }
+            assert!((found - expected).abs() < 1e-5, "{at}: {found}, not {expected}: {sums:?}");
+        }
+        assert!(inner > WIDTH * HEIGHT / 2, "{inner}");
+    }
+}

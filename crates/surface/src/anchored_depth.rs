@@ -279,4 +279,61 @@ mod tests {
         recent.insert((1, 1), "c");
         assert_eq!([(0, 1), (0, 2), (1, 1)].map(|key| recent.get(key).is_some()), [true, false, true]);
     }
+
+    fn camera() -> Camera {
+        let intrinsics = liveview::geometry::Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, skew: 0.0 };
+        Camera::new(intrinsics, 64, 48, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap()
+    }
+
+    #[test]
+    fn small_maps_of_another_detail_are_searched_anew() {
+        let values = (0..3 * 64 * 48).map(|i| (i * 31 % 113) as f32 / 112.0).collect();
+        let photo = Texture::new(&liveview::image::ImageRgb::new(64, 48, values).unwrap());
+        let (camera, maps) = (camera(), SmallMaps::default());
+        let view = SourceView { camera: &camera, texture: &photo };
+        for (detail, size) in [(1, (12, 16)), (2, (6, 8)), (1, (12, 16))] {
+            let load = |_| Ok::<_, Infallible>(SmallPhoto::new(&view, detail));
+            let Ok(found) = maps.get_or_search(&[vec![0, 1]], detail, (1.0, 10.0), load);
+            assert_eq!(found[0].disparity.dim(), size, "detail of {detail} pixels");
+        }
+    }
+
+    #[test]
+    fn anchors_are_what_the_group_confirms_in_the_cell() {
+        let camera = camera();
+        // Slopes, with steps of 15 pixels (no edge) and of 30.
+        let step = |x: usize| {
+            if x < 6 {
+                0.0
+            } else if x < 12 {
+                0.15
+            } else {
+                0.45
+            }
+        };
+        let slope = Array2::from_shape_fn((12, 16), |(y, x)| 0.2 + 0.002 * x as f32 + 0.001 * y as f32 + step(x));
+        let map = PhotoDisparity { disparity: slope.clone(), disparity_per_pixel: 0.01 };
+        let group = Group::of(&[&camera; 3], vec![map; 3]);
+        // The photo's own depth is wrong but in the upper left cell.
+        let mut found = PhotoDisparity { disparity: Array2::from_elem((24, 32), 0.95), disparity_per_pixel: 0.01 };
+        found.disparity[(0, 0)] = 0.205;
+        let anchors = group.anchors(&camera.shrunk(CELL), &found);
+        for (at, (&kept, &anchor)) in anchors.kept.iter().zip(&anchors.disparity).enumerate() {
+            let (y, x) = (at / 32 / 2, at % 32 / 2);
+            let expected = match (at, x) {
+                (0, _) => 0.205,
+                (_, 11 | 12) => -1.0,
+                _ => slope[(y, x)],
+            };
+            assert!((anchor - expected).abs() < 1e-6 && kept == (at == 0), "{at}: {anchor}, not {expected}; {kept}");
+        }
+    }
+
+    #[test]
+    fn holes_are_kept_where_more_than_a_third_around_is_confirmed() {
+        let confirmed = Array2::from_shape_fn((40, 40), |(_, x)| if x < 11 { 0.5 } else { -1.0 });
+        let kept = mostly_confirmed(&confirmed);
+        // 11 of 31 columns, and 10.
+        assert!(kept[(20, 15)] && !kept[(20, 16)] && kept[(20, 0)] && !kept[(0, 16)]);
+    }
 }

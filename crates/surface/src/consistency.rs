@@ -238,3 +238,155 @@ fn project_pixel(homography: &DMat3, epipole: &DVec3, begin: DVec3, x: f64, disp
     let pixel = |value: f64| if front { (value * per_w) as f32 } else { -1.0 };
     (pixel(u), pixel(v), (d * per_w) as f32)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use liveview::geometry::Intrinsics;
+
+    const WIDTH: usize = 72;
+    const HEIGHT: usize = 10;
+
+    fn camera(x: f64, z: f64, turn: f64) -> Camera {
+        let intrinsics = Intrinsics { fx: 50.0, fy: 55.0, cx: 36.0, cy: 5.0, skew: 0.5 };
+        Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::from_rotation_y(turn), DVec3::new(x, 0.2 * x, z)).unwrap()
+    }
+
+    /// Depths about 0.2, in steps, some of them unknown.
+    fn map(seed: u32, disparity_per_pixel: f32) -> PhotoDisparity {
+        let value = |(y, x): (usize, usize)| match (7 * x as u32 + 31 * y as u32 + seed * (x as u32 / 3)) % 11 {
+            0 => -1.0,
+            step => 0.17 + 0.009 * step as f32,
+        };
+        PhotoDisparity { disparity: Array2::from_shape_fn((HEIGHT, WIDTH), value), disparity_per_pixel }
+    }
+
+    /// Where a pixel lies in the other camera, and its disparity there.
+    fn exact(other: &Camera, here: &Camera, (x, y): (usize, usize), disparity: f32) -> DVec3 {
+        let ray = here.k_inverse() * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+        // X = ray / disparity in this camera; times the disparity, which may be 0.
+        let pose = liveview::geometry::source_from_target(other, here);
+        let point = pose.rotation * ray + pose.translation * f64::from(disparity);
+        let pixel = other.k() * point / point.z;
+        DVec3::new(pixel.x, pixel.y, if point.z > 0.0 { f64::from(disparity) / point.z } else { -1.0 })
+    }
+
+    #[test]
+    fn projection_is_that_of_the_cameras() {
+        let (here, other) = (camera(0.0, 0.0, 0.0), camera(0.3, -1.5, 0.1));
+        let sweep = PlaneSweep::new(&other, &here);
+        let disparity: Vec<f32> = (0..WIDTH).map(|x| 0.02 * x as f32).collect();
+        let (mut row, mut behind) = (Projected::default(), 0);
+        project_row(&sweep, 7, &disparity, &mut row);
+        for x in 0..WIDTH {
+            let found = project(&sweep, (x, 7), disparity[x]);
+            assert_eq!(found, (row.x[x], row.y[x], row.disparity[x]));
+            let expected = exact(&other, &here, (x, 7), disparity[x]);
+            if expected.z < 0.0 {
+                assert_eq!(found, (-1.0, -1.0, 0.0));
+                behind += 1;
+            } else {
+                let found = DVec3::new(found.0.into(), found.1.into(), found.2.into());
+                assert!(
+                    (found - expected).abs().max_element() < 1e-5 * expected.abs().max_element(),
+                    "{found} {expected}"
+                );
+            }
+        }
+        assert!((10..60).contains(&behind), "{behind}");
+    }
+
+    #[test]
+    fn a_map_agrees_within_two_pixels_and_contradicts_from_four_behind() {
+        let here = camera(0.0, 0.0, 0.0);
+        let flat = |disparity: f32| PhotoDisparity {
+            disparity: Array2::from_elem((HEIGHT, WIDTH), disparity),
+            disparity_per_pixel: 0.01,
+        };
+        for (pixels, vote) in [
+            (0.0, AGREES),
+            (1.99, AGREES),
+            (-1.99, AGREES),
+            (2.01, 0),
+            (-2.01, 0),
+            (9.0, 0),
+            (-3.99, 0),
+            (-4.01, CONTRADICTS),
+            (-9.0, CONTRADICTS),
+        ] {
+            let votes = ConsistencyVotes::new((&here, &flat(0.2)), (&here, &flat(0.2 + 0.01 * pixels)));
+            assert!(votes.0.iter().all(|&found| found == vote), "{pixels}: {:?}", votes.0[(0, 0)]);
+        }
+    }
+
+    #[test]
+    fn one_map_that_agrees_and_no_more_that_contradict_confirm() {
+        let votes = |vote: u8| ConsistencyVotes(Array2::from_elem((1, 1), vote));
+        for (agreeing, contradicting, expected) in [
+            (0, 0, false),
+            (0, 1, false),
+            (1, 0, true),
+            (1, 1, true),
+            (1, 2, false),
+            (2, 2, true),
+            (3, 2, true),
+            (2, 3, false),
+        ] {
+            let all: Vec<_> =
+                (0..agreeing).map(|_| votes(AGREES)).chain((0..contradicting).map(|_| votes(CONTRADICTS))).collect();
+            let found = confirmed(&all.iter().collect::<Vec<_>>(), (1, 1))[(0, 0)];
+            assert_eq!(found, expected, "{agreeing} {contradicting}");
+        }
+    }
+
+    #[test]
+    fn votes_and_visibility_equal_their_definitions() {
+        let (here, other) = (camera(0.0, 0.0, 0.0), camera(0.25, 0.2, 0.05));
+        let (own, others) = (map(1, 0.004), map(5, 0.007));
+        let votes = ConsistencyVotes::new((&here, &own), (&other, &others)).0;
+        let depth = ConfirmedDisparity { disparity: others.disparity.clone(), disparity_per_pixel: 0.007 };
+        let flat: Vec<f32> = own.disparity.iter().map(|d| d.abs()).collect();
+        let seen = visible((&other, &depth), &here, &flat, WIDTH, 0.02);
+        let sweep = PlaneSweep::new(&other, &here);
+        let (mut met, mut met_seen) = ([0; 4], [0; 3]);
+        for ((y, x), &vote) in votes.indexed_iter() {
+            let at = |disparity: f32| {
+                let (u, v, disparity) = project(&sweep, (x, y), disparity);
+                let inside = (0.0..WIDTH as f32).contains(&u) && (0.0..HEIGHT as f32).contains(&v);
+                inside.then(|| (others.disparity[(v as usize, u as usize)], disparity))
+            };
+            let expected = at(own.disparity[(y, x)]).map_or(0, |(other, disparity)| {
+                u8::from((other - disparity).abs() < 0.008) + 2 * u8::from(disparity - other > 0.016)
+            });
+            assert_eq!(vote, expected, "row {y}, column {x}");
+            met[usize::from(vote)] += 1;
+            let expected = match at(flat[y * WIDTH + x]) {
+                Some((other, disparity)) if other >= 0.0 && disparity - other >= 0.02 => -1.0,
+                Some((other, disparity)) if other - disparity >= 0.02 => 0.0,
+                _ => 1.0,
+            };
+            assert_eq!(seen[y * WIDTH + x], expected, "row {y}, column {x}");
+            met_seen[(expected + 1.0) as usize] += 1;
+        }
+        assert!(met[..3].iter().chain(&met_seen).all(|&count| count > 20), "{met:?} {met_seen:?}");
+    }
+
+    #[test]
+    fn a_point_at_the_margin_is_hidden_and_one_as_far_before_is_seen_past() {
+        let here = camera(0.0, 0.0, 0.0);
+        let depth =
+            ConfirmedDisparity { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.5), disparity_per_pixel: 0.01 };
+        for (disparity, expected) in [(0.25, 0.0), (0.3, 1.0), (0.5, 1.0), (0.7, 1.0), (0.75, -1.0)] {
+            let seen = visible((&here, &depth), &here, &[disparity; WIDTH], WIDTH, 0.25);
+            assert!(seen.iter().all(|&seen| seen == expected), "{disparity}");
+        }
+    }
+
+    #[test]
+    fn the_confirmed_share_is_that_of_known_depths() {
+        let depth = PhotoDisparity { disparity: ndarray::arr2(&[[0.0, 0.1, 0.2, 0.3]]), disparity_per_pixel: 0.01 };
+        let confirmed = ConfirmedDisparity::new(&depth, &ndarray::arr2(&[[true, false, true, true]]));
+        assert_eq!(confirmed.disparity, ndarray::arr2(&[[0.0, -1.0, 0.2, 0.3]]));
+        assert_eq!((confirmed.share(), confirmed.disparity_per_pixel), (0.75, 0.01));
+    }
+}

@@ -267,6 +267,13 @@ mod exposure_tests {
         assert!((even[0][1] - 1.0).abs() < 1e-6);
         assert_eq!(balanced(&gains, &[0.0, 2.0]), gains);
     }
+
+    #[test]
+    fn balanced_weights_are_the_reciprocals_of_the_distances() {
+        let found = balanced(&[[1.0; 3], [4.0; 3]], &[1.0, 3.0]);
+        let mean = 4_f32.powf(0.25); // shares 3/4 and 1/4
+        assert!((found[0][0] - 1.0 / mean).abs() < 1e-6 && (found[1][2] - 4.0 / mean).abs() < 1e-6, "{found:?}");
+    }
 }
 
 #[cfg(test)]

@@ -274,4 +274,24 @@ mod tests {
         votes.drop_photo(0);
         assert_eq!(known(&votes), [[2, 4]]);
     }
+
+    #[test]
+    fn votes_are_those_of_the_other_photo_and_are_cast_again_for_a_new_depth() {
+        let intrinsics = Intrinsics { fx: 4.0, fy: 4.0, cx: 4.0, cy: 2.0, skew: 0.0 };
+        let camera = Camera::new(intrinsics, 8, 4, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let mut maps = DepthMaps::new(vec![camera.clone(), camera], 1.0, 100.0);
+        let depth = |disparity, disparity_per_pixel| PhotoDisparity {
+            disparity: ndarray::Array2::from_elem((4, 8), disparity),
+            disparity_per_pixel,
+        };
+        let shares = |maps: &mut DepthMaps| [0, 1].map(|photo| maps.confirmed_by_neighbours(photo).unwrap().1.share());
+        // 0.3 apart: within two pixels of the first photo, not of the second.
+        maps.insert(0, depth(0.2, 0.2));
+        maps.insert(1, depth(0.5, 0.01));
+        assert_eq!(shares(&mut maps), [1.0, 0.0]);
+        maps.insert(1, depth(0.2, 0.01));
+        assert_eq!(shares(&mut maps), [1.0, 1.0]);
+        maps.insert(0, depth(0.9, 0.01));
+        assert_eq!(shares(&mut maps), [0.0, 0.0]);
+    }
 }

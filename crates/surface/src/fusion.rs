@@ -307,6 +307,8 @@ mod tests {
 
     use super::*;
     use liveview::geometry::Intrinsics;
+    use liveview::image::ImageRgb;
+    use liveview::warp::Texture;
 
     fn camera(shift: f64) -> Camera {
         let intrinsics = Intrinsics { fx: 8.0, fy: 8.0, cx: 4.0, cy: 4.0, skew: 0.0 };
@@ -344,5 +346,95 @@ mod tests {
         let found = |same: f32, averaged: f32| splat(&maps, &here, Size::new(8, 8), (same, averaged), Single::Kept);
         assert!(found(0.1, 0.1).iter().all(|&d| d == (0.5 + 0.45) / 2.0));
         assert!(found(0.0, 0.0).iter().all(|&d| d == 0.5));
+    }
+
+    #[test]
+    fn confirmed_depths_are_one_surface_within_two_pixels_and_averaged_within_three() {
+        const PX: f32 = 0.01;
+        let here = camera(0.0);
+        let photo = Texture::new(&ImageRgb::new(8, 8, vec![0.5; 3 * 64]).unwrap());
+        let found = |depths: &[f32]| {
+            let confirmed =
+                |&d: &f32| ConfirmedDisparity { disparity: Array2::from_elem((8, 8), d), disparity_per_pixel: PX };
+            let confirmed: Vec<_> = depths.iter().map(confirmed).collect();
+            let view = SourceView { camera: &here, texture: &photo };
+            let views = confirmed.iter().map(|confirmed| SurfaceView { view, confirmed, gains: [1.0; 3] });
+            splat_confirmed(&views.collect::<Vec<_>>(), &here, PX)[0]
+        };
+        let behind = |pixels: f32| 0.5 - pixels * PX;
+        assert!(
+            (found(&[0.5, behind(1.98), 0.9]) - (0.5 + behind(1.98)) / 2.0).abs() < 1e-6,
+            "a pair before a single depth"
+        );
+        assert_eq!(found(&[0.5, behind(2.02), 0.9]), 0.9, "no pair: the nearest");
+        assert!((found(&[0.5, 0.5, behind(2.98)]) - (1.0 + behind(2.98)) / 3.0).abs() < 1e-6);
+        assert_eq!(found(&[0.5, 0.5, behind(3.02)]), 0.5);
+    }
+
+    /// Of a pixel's depths, one a photo: as the module's documentation says.
+    fn fused(depths: &[f32], (same, averaged): (f32, f32), single: Single) -> f32 {
+        let largest = |depths: &[f32]| depths.iter().copied().fold(-1.0, f32::max);
+        let has_pair = |k: usize| {
+            let others = (0..depths.len()).filter(|&other| other != k).map(|other| depths[other]);
+            others.into_iter().any(|other| other >= 0.0 && other <= depths[k] && depths[k] - other <= same)
+        };
+        let paired: Vec<f32> = (0..depths.len()).filter(|&k| has_pair(k)).map(|k| depths[k]).collect();
+        let nearest = match (paired.is_empty(), single) {
+            (true, Single::LeftOut) => return -1.0,
+            (true, Single::Kept) => largest(depths),
+            (false, _) => largest(&paired),
+        };
+        let near: Vec<f32> =
+            depths.iter().copied().filter(|&d| d >= 0.0 && d <= nearest && nearest - d <= averaged).collect();
+        if near.is_empty() { nearest } else { near.iter().sum::<f32>() / near.len() as f32 }
+    }
+
+    #[test]
+    fn splat_equals_its_definition() {
+        let size = Size::new(72, 16);
+        let intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 36.0, cy: 8.0, skew: 0.0 };
+        let placed = |x: f64, z: f64, turn: f64| {
+            Camera::new(intrinsics, 72, 16, DMat3::from_rotation_y(turn), DVec3::new(x, 0.1 * x, z)).unwrap()
+        };
+        let target = placed(0.0, 0.0, 0.0);
+        let cameras = [placed(0.3, 0.1, 0.02), placed(-0.2, -0.3, 0.0), placed(0.1, -2.5, -0.1)];
+        let value = |at: usize, k: usize| {
+            let noise = (at as u32).wrapping_mul(2_654_435_761).wrapping_add(k as u32 * 77_777_777) >> 8;
+            match noise % 5 {
+                0 => -1.0,
+                1 => 0.0,
+                near => near as f32 * 0.1 + (noise % 13) as f32 * 0.004,
+            }
+        };
+        let map = |k: usize| Array2::from_shape_fn((14, 70), |(y, x)| value(70 * y + x, k));
+        let photos: Vec<_> = [0, 1, 2].map(map).into();
+        let maps: Vec<_> = cameras.iter().zip(&photos).collect();
+        let each: Vec<Vec<f32>> = maps
+            .iter()
+            .map(|(camera, map)| {
+                let (sweep, mut buffer) = (PlaneSweep::new(&target, camera), vec![-1.0_f32; size.pixels()]);
+                for ((y, x), &own) in map.indexed_iter().filter(|(_, own)| **own >= 0.0) {
+                    let (u, v, disparity) = crate::consistency::project(&sweep, (x, y), own);
+                    for (u, v) in [(-0.2, -0.2), (0.2, -0.2), (-0.2, 0.2), (0.2, 0.2)].map(|(a, b)| (u + a, v + b)) {
+                        if (0.0..72.0).contains(&u) && (0.0..16.0).contains(&v) && disparity > 0.0
+                            || own == 0.0 && (0.0..72.0).contains(&u) && (0.0..16.0).contains(&v)
+                        {
+                            let at = v as usize * 72 + u as usize;
+                            buffer[at] = buffer[at].max(disparity);
+                        }
+                    }
+                }
+                buffer
+            })
+            .collect();
+        assert!(each.iter().all(|buffer| buffer.iter().filter(|d| **d >= 0.0).count() > 200));
+        for (margins, single) in [((0.02, 0.03), Single::Kept), ((0.05, 0.02), Single::LeftOut)] {
+            let found = splat(&maps, &target, size, margins, single);
+            for (at, &found) in found.iter().enumerate() {
+                let depths: Vec<f32> = each.iter().map(|buffer| buffer[at]).collect();
+                let expected = fused(&depths, margins, single);
+                assert!((found - expected).abs() < 1e-6, "{at}: {found}, not {expected} of {depths:?}");
+            }
+        }
     }
 }

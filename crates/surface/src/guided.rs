@@ -219,3 +219,16 @@ fn mean3(map: &Array2<f32>) -> Array2<f32> {
     });
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_ends_at_infinity() {
+        let range = range_of(&Array2::from_elem((3, 3), 0.25), 0.5);
+        assert_eq!((range.nearest[(1, 1)], range.surface[(1, 1)], range.farthest[(1, 1)]), (0.75, 0.25, 0.0));
+        let range = range_of(&Array2::from_elem((3, 3), 0.75), 0.5);
+        assert_eq!(range.farthest[(1, 1)], 0.25);
+    }
+}

@@ -272,4 +272,55 @@ mod tests {
         let costs = Array3::from_shape_fn((1, 2, 2), |(_, y, x)| (y + x) as f32);
         assert_eq!(semi_global(costs.view(), PENALTIES), 4.0 * costs);
     }
+
+    /// Views whose colours and coverage are pseudorandom.
+    #[test]
+    fn window_variance_equals_its_definition() {
+        let (width, height, views) = (9, 6, 3);
+        let plane = width * height;
+        let noise = |at: usize| ((at as u32).wrapping_mul(2_654_435_761) >> 20) as f32 / 4096.0;
+        let coverage: Vec<f32> =
+            (0..views * plane).map(|at| if noise(at + 999) < 0.6 { 1.0 } else { noise(at) }).collect();
+        let premultiplied = |at: usize| noise(3 * at) * coverage[at / (3 * plane) * plane + at % plane];
+        let mut colour: Vec<f32> = (0..3 * views * plane).map(premultiplied).collect();
+        let original = colour.clone();
+        let cell = |at: usize| {
+            let seen: Vec<usize> = (0..views).filter(|view| coverage[view * plane + at] > 0.5).collect();
+            let channel = |c: usize| {
+                let value = |&v: &usize| f64::from(original[(3 * v + c) * plane + at] / coverage[v * plane + at]);
+                let mean = seen.iter().map(value).sum::<f64>() / seen.len() as f64;
+                seen.iter().map(value).map(|value| (value - mean).powi(2)).sum::<f64>()
+            };
+            (seen.len() >= 2).then(|| (0..3).map(channel).sum::<f64>() / (3 * (seen.len() - 1)) as f64)
+        };
+        for window in [3, 5] {
+            let mut found = vec![0.0; plane];
+            window_variance(&mut colour.clone(), &coverage, width, (window, 7.0), &mut found);
+            for at in 0..plane {
+                let near = |other: &usize| {
+                    (other / width).abs_diff(at / width) <= window / 2
+                        && (other % width).abs_diff(at % width) <= window / 2
+                };
+                let of_window: Vec<f64> = (0..plane).filter(near).filter_map(cell).collect();
+                let expected = of_window.iter().sum::<f64>() / of_window.len() as f64;
+                assert!((f64::from(found[at]) - expected).abs() < 1e-6, "{at}: {}, not {expected}", found[at]);
+            }
+        }
+        let mut found = vec![0.0; plane];
+        window_variance(&mut colour, &vec![0.5; views * plane], width, (3, 7.0), &mut found);
+        assert_eq!(found, vec![7.0; plane], "half a cell is not covered");
+    }
+
+    #[test]
+    fn winner_is_the_nearer_of_equals_and_lies_on_the_parabola() {
+        let maps = Array3::from_shape_vec((4, 1, 1), vec![0.8, 0.6, 0.5, 0.4]).unwrap();
+        let found = |costs: [f32; 4]| {
+            winner_takes_all(Array3::from_shape_vec((4, 1, 1), costs.to_vec()).unwrap().view(), maps.view())[(0, 0)]
+        };
+        assert_eq!([found([1.0, 1.0, 1.0, 1.0]), found([2.0, 2.0, 2.0, 1.0])], [0.8, 0.4]);
+        // Vertices at −1/4 and +1/4 of a layer: each towards the map on that side.
+        assert!((found([2.0, 1.0, 4.0, 9.0]) - (0.6 + 0.25 * 0.2)).abs() < 1e-6, "{}", found([2.0, 1.0, 4.0, 9.0]));
+        assert!((found([9.0, 4.0, 1.0, 2.0]) - (0.5 - 0.25 * 0.1)).abs() < 1e-6);
+        assert_eq!(found([2.0, 1.0, 1.0, 2.0]), 0.6 + 0.5 * (0.5 - 0.6));
+    }
 }

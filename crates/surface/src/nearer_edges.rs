@@ -168,3 +168,25 @@ fn difference_row_with<'a, S: pulp::Simd>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_differs_by_more_than_the_least_within_two_pixels() {
+        let mut map = vec![0.0; 9 * 9];
+        map[4 * 9 + 4] = 0.5;
+        let found = |least: f32| (0..81).filter(|at| is_edge(&map, 9, (at % 9, at / 9), least)).collect::<Vec<_>>();
+        let near: Vec<usize> = (0..81).filter(|at| (2..7).contains(&(at % 9)) && (2..7).contains(&(at / 9))).collect();
+        assert_eq!((found(0.49), found(0.5)), (near, vec![]));
+    }
+
+    #[test]
+    fn the_cost_is_the_mean_of_the_lowest_two() {
+        let size = Size::new(3, 3);
+        let differences = [0.12, 0.04, 0.15, 0.06].map(|difference| vec![difference; 9]);
+        assert!((cost(&differences, 4, size) - 0.05).abs() < 1e-6);
+        assert!((cost(&differences[..1], 0, size) - 0.16).abs() < 1e-6, "another photo: the bound");
+    }
+}

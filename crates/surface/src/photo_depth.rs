@@ -303,4 +303,62 @@ mod tests {
         };
         assert_eq!([1, 2, 4].map(detail), [1, 2, 4]);
     }
+
+    #[test]
+    fn detail_below_022_of_that_at_half_the_size_is_none() {
+        let noise = |at: u32| (at.wrapping_mul(2_654_435_761) >> 24) as f32 / 255.0;
+        let (width, height) = (720, 540);
+        let small = ImageRgb::new(360, 270, (0..360 * 270 * 3).map(noise).collect()).unwrap();
+        let enlarged = small.resized(width, height).unwrap();
+        // An enlarged photo, with some noise of its own size.
+        let with_noise = |share: f32| {
+            let data =
+                enlarged.data().iter().zip(7_u32..).map(|(value, at)| value + share * noise(at.wrapping_mul(31)));
+            Texture::new(&ImageRgb::new(width, height, data.collect()).unwrap())
+        };
+        let found = [0.0, 0.048].map(|share| {
+            let photo = with_noise(share);
+            (mean_square_detail(&photo) / mean_square_detail(&photo.shrunk(2)), detail_pixels(&photo))
+        });
+        assert!((0.12..0.21).contains(&found[0].0) && (0.23..0.32).contains(&found[1].0), "{found:?}");
+        assert_eq!([found[0].1, found[1].1], [2, 1]);
+    }
+
+    #[test]
+    fn segments_lie_around_what_the_neighbourhood_found() {
+        const NONE: u16 = Candidates::NO_SEGMENT;
+        // Two cells with these indices, of a finer grid of 101.
+        for (index, expected) in [
+            ([10.0, 10.0], [17, NONE]),
+            ([10.0, 11.4], [18, NONE]),
+            ([10.0, 11.5], [15, 23]),
+            ([10.0, 14.9], [18, 26]),
+            ([10.0, 15.0], [17, 26]),
+            ([10.0, 15.3], [17, 27]),
+            ([0.0, 0.0], [0, NONE]),
+            ([0.0, 2.0], [0, 8]),
+            ([0.0, 20.0], [0, 36]),
+            ([50.0, 50.0], [93, NONE]),
+            ([47.0, 50.0], [85, 93]),
+            ([40.0, 50.0], [77, 93]),
+        ] {
+            for indices in [[index[0], index[1]], [index[1], index[0]]] {
+                for width in [1, 2] {
+                    assert_eq!(segment_starts(&indices, width, 2, 101), [expected; 2], "{indices:?}");
+                }
+            }
+        }
+        assert_eq!(segment_starts(&[10.0, 10.0, 20.0, 20.0], 4, 2, 101), [[17, NONE], [17, 36], [17, 36], [37, NONE]]);
+    }
+
+    #[test]
+    fn anchors_draw_to_their_index_and_free_cells_pay_half() {
+        let grid = Grid::new(1.0, f64::INFINITY, 11); // index 3 is 0.7
+        let anchors = Anchors { kept: vec![false, false, true], disparity: vec![0.7, -1.0, -1.0] };
+        let mut costs = vec![1001; 3 * 11];
+        anchors.add_to(&mut costs, &grid);
+        let drawn = [3, 2, 1, 0, 1, 2, 3, 4, 4, 4, 4].map(|apart| 1001 + (409.6 * f64::from(apart)).round() as u16);
+        assert!(costs[..11].iter().zip(drawn).all(|(&found, expected)| found.abs_diff(expected) <= 1), "{costs:?}");
+        assert_eq!((&costs[11..22], &costs[22..]), (&[500; 11][..], &[1001; 11][..]));
+    }
 }

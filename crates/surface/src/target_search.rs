@@ -330,4 +330,36 @@ mod tests {
         let medians = cell_medians(&map, 6);
         assert_eq!(medians, ndarray::arr2(&[[2.0, -1.0], [0.0, -1.0]]));
     }
+
+    #[test]
+    fn costs_of_planes_that_views_see_past_and_of_anchors() {
+        let intrinsics = liveview::geometry::Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 16.0, skew: 0.0 };
+        let camera = Camera::new(intrinsics, 64, 32, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+        let photo = Texture::new(&liveview::image::ImageRgb::new(64, 32, vec![0.5; 3 * 64 * 32]).unwrap());
+        let confirmed = [0.1, 0.1, -1.0]
+            .map(|d| ConfirmedDisparity { disparity: Array2::from_elem((32, 64), d), disparity_per_pixel: 0.01 });
+        let view = liveview::warp::SourceView { camera: &camera, texture: &photo };
+        let views: Vec<_> =
+            confirmed.iter().map(|confirmed| SurfaceView { view, confirmed, gains: NO_GAINS }).collect();
+        let sources = crate::fusion::warp_sources(&views, &camera);
+        // Anchors on the right half.
+        let splatted: Vec<f32> = (0..64 * 32).map(|at| if at % 64 < 32 { -1.0 } else { 0.5 }).collect();
+        let search = TargetSearch {
+            views: &views,
+            sources: &sources,
+            target: &camera,
+            splatted: &splatted,
+            size: Size::new(64, 32),
+            range: (1.0, 8.0),
+            margin: 0.05,
+        };
+        let planes = search.planes();
+        assert_eq!(planes, [1.0, 0.875, 0.75, 0.625, 0.5, 0.375, 0.25, 0.125]);
+        for ((plane, _, x), &found) in search.costs(&planes).indexed_iter() {
+            // Two views see past all planes but the last: the third alone has no variance.
+            let seen = if plane == 7 { 0.0 } else { 0.02 + 2.0 * 0.01 };
+            let anchor = if x < 8 { 0.0 } else { 0.07 * (plane.abs_diff(4) as f32 / 4.0).min(1.0) };
+            assert!((found - seen - anchor).abs() < 1e-6, "plane {plane}, column {x}: {found}");
+        }
+    }
 }

@@ -391,3 +391,111 @@ fn pair_statistics_are_kept_while_the_photos_stay_the_same() {
     }
     assert_eq!(maps.statistics.gains.len(), 3, "statistics of a changed photo are dropped");
 }
+
+#[test]
+fn photo_variance_equals_its_definition() {
+    let rig = Rig::new();
+    let gains = [[1.0; 3], [1.05, 0.95, 1.0], [0.9, 1.0, 1.1]];
+    let sweep = |k: usize| PlaneSweep::new(&rig.cameras[k], &rig.cameras[0]);
+    let sources = [0, 1, 2].map(|k| WarpSource { gains: gains[k], ..WarpSource::new(&rig.photos[k], sweep(k)) });
+    let pixels = WIDTH * HEIGHT;
+    // A wall, and a stripe before it; each view sees most of it, and past some of it.
+    let disparity: Vec<f32> = (0..pixels).map(|at| if at % WIDTH / 16 % 3 == 0 { 0.3 } else { 0.125 }).collect();
+    let seen = |k: usize| {
+        (0..pixels)
+            .map(|at| match (at / 5 + 7 * k * at / 11) % 13 {
+                0 => -1.0,
+                1 | 2 => 0.0,
+                _ => 1.0,
+            })
+            .collect()
+    };
+    let visible: Vec<Vec<f32>> = (0..3).map(seen).collect();
+    let splatted: Vec<f32> = (0..pixels).map(|at| if at % 3 == 0 { 0.2 } else { -1.0 }).collect();
+    let found = photo_variance(&SeenSurface {
+        disparity: &disparity,
+        splatted: &splatted,
+        width: WIDTH,
+        sources: &sources,
+        visible: &visible,
+    });
+    let (mut colour, mut coverage) = (vec![0.0; 9 * pixels], vec![0.0; 3 * pixels]);
+    liveview::warp::warp_layers(
+        &disparity,
+        &sources,
+        liveview::geometry::Size::new(WIDTH, HEIGHT),
+        &mut colour,
+        &mut coverage,
+    );
+    let variance = |at: usize| {
+        let inside = |k: &usize| coverage[k * pixels + at] > 0.5;
+        let past = (0..3).filter(inside).any(|k| visible[k][at] < 0.0);
+        let seeing: Vec<usize> = (0..3).filter(inside).filter(|&k| visible[k][at] > 0.0).collect();
+        let channel = |c: usize| {
+            let value = |&k: &usize| f64::from(colour[(3 * k + c) * pixels + at] / coverage[k * pixels + at]);
+            let mean = seeing.iter().map(value).sum::<f64>() / seeing.len() as f64;
+            seeing.iter().map(value).map(|value| (value - mean).powi(2)).sum::<f64>()
+        };
+        if past || seeing.len() < 2 {
+            0.02
+        } else {
+            ((0..3).map(channel).sum::<f64>() / (3 * (seeing.len() - 1)) as f64).min(0.02)
+        }
+    };
+    let variances: Vec<f64> = (0..pixels).map(variance).collect();
+    let mut decided = [0; 2];
+    variances.iter().for_each(|&variance| decided[usize::from(variance < 0.02)] += 1);
+    assert!(decided.iter().all(|&count| count > pixels / 10), "{decided:?}");
+    for (at, &found) in found.iter().enumerate() {
+        if splatted[at] >= 0.0 {
+            assert_eq!(found, 0.0);
+            continue;
+        }
+        let around = |at: usize, side: usize| at.saturating_sub(3)..(at + 4).min(side);
+        let (rows, columns) = (around(at / WIDTH, HEIGHT), around(at % WIDTH, WIDTH));
+        let sum: f64 =
+            rows.clone().flat_map(|y| columns.clone().map(move |x| y * WIDTH + x)).map(|at| variances[at]).sum();
+        let expected = sum / (rows.len() * columns.len()) as f64;
+        assert!((f64::from(found) - expected).abs() < 1e-6, "{at}: {found}, not {expected}");
+    }
+}
+
+#[test]
+fn depth_beside_an_edge_becomes_nearer_where_the_colours_decide_nothing() {
+    let grey = Texture::new(&ImageRgb::new(WIDTH, HEIGHT, vec![0.5; 3 * WIDTH * HEIGHT]).unwrap());
+    let cameras = PLACES.map(camera);
+    let truth = |x: f64| Array2::from_shape_fn((HEIGHT, WIDTH), |(row, column)| ground_truth(x, column, row).0 as f32);
+    let mut maps = [0, 1, 2].map(|k| PhotoDisparity { disparity: truth(PLACES[k]), disparity_per_pixel: 0.08 });
+    (16..40).for_each(|row| maps[0].disparity[(row, 28)] = WALL as f32); // the square's left column
+    let set: Vec<_> =
+        maps.iter().zip(&cameras).map(|(map, camera)| (SourceView { camera, texture: &grey }, map)).collect();
+    let confirmed = ConfirmedDisparity::new(&maps[0], &Array2::from_elem((HEIGHT, WIDTH), true));
+    let found = nearer_edges(&set, 0, &confirmed).disparity;
+    assert!((&found - &truth(PLACES[0])).iter().all(|difference| difference.abs() < 1e-6));
+}
+
+#[test]
+fn sharpening_leaves_out_what_shows_another_point() {
+    let rig = Rig::new();
+    let photo = photo(0.0, NO_GAINS);
+    let detail = |x: usize, y: usize, c: usize| {
+        let at = |x: usize, y: usize| photo.pixel(x.min(WIDTH - 1), y.min(HEIGHT - 1))[c];
+        4.0 * at(x, y) - at(x.saturating_sub(1), y) - at(x + 1, y) - at(x, y.saturating_sub(1)) - at(x, y + 1)
+    };
+    let sharper = |i: usize| {
+        let (x, y, c) = (i / 3 % WIDTH, i / 3 / WIDTH, i % 3);
+        let detail = detail(x, y, c);
+        // Some of the compared pixels show something else.
+        photo.pixel(x, y)[c] + if (x / 8 + y / 8) % 5 == 0 { 0.3 * detail.signum() } else { 0.03 * detail }
+    };
+    let sharper = Texture::new(&ImageRgb::new(WIDTH, HEIGHT, (0..3 * WIDTH * HEIGHT).map(sharper).collect()).unwrap());
+    let confirmed =
+        ConfirmedDisparity { disparity: Array2::from_elem((HEIGHT, WIDTH), 0.2), disparity_per_pixel: 0.01 };
+    let view = |texture| SurfaceView {
+        view: SourceView { camera: &rig.cameras[0], texture },
+        confirmed: &confirmed,
+        gains: NO_GAINS,
+    };
+    let found = sharpening(&[view(&rig.photos[0]), view(&sharper)]);
+    assert!((found[0] - 0.03).abs() < 1e-4 && found[1] == 0.0, "{found:?}");
+}

@@ -270,4 +270,14 @@ mod interpolated_path_tests {
         let still = interpolated_path(&[&b], 3).unwrap();
         assert!(still.len() == 3 && still.iter().all(|camera| camera.centre().abs_diff_eq(DVec3::X, 1e-15)));
     }
+
+    #[test]
+    fn rotations_turn_at_a_constant_speed() {
+        let cameras = [0.0, 2.0].map(|angle| camera(DVec3::ZERO, angle));
+        let path = interpolated_path(&[&cameras[0], &cameras[1]], 9).unwrap();
+        for (frame, camera) in path.iter().enumerate() {
+            let expected = DMat3::from_rotation_y(2.0 * frame as f64 / 8.0);
+            assert!(camera.rotation().abs_diff_eq(expected, 1e-12), "{frame}: {}", camera.rotation());
+        }
+    }
 }
