@@ -14,7 +14,7 @@ RIG := tests/scenes/rig
 RUFF := --config python/pyproject.toml python tests crates/python
 
 .PHONY: demo demo-video build runtime setup clean test lint test-rust test-python test-browser parity stability \
-	fuzz evaluate report models paper
+	fuzz mutants attack evaluate report models paper
 
 ### Use
 
@@ -111,6 +111,19 @@ fuzz:
 		cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none $$target tests/fuzz/corpus/$$target tests/fuzz/seeds/$$target \
 			-- -runs=$$(($(FUZZ_RUNS) / $(words $(FUZZ_TARGETS)) + 1)) -timeout=10 -print_final_stats=1 || exit 1; \
 	done
+
+## Faults that a test must find: those by name, then one in so many that cargo-mutants makes. SHARE=0/1: all of them, for days.
+SHARE ?= $(shell date +%j)/400
+MUTANTS = cargo mutants --dir target/mutants/tree --in-place --config tests/mutants/mutants.toml --output target/mutants --shard $(SHARE)
+mutants: runtime
+	cargo mutants --version > /dev/null 2>&1 || cargo install cargo-mutants --locked --version 27.1.0
+	$(PYTHON) tests/mutants/faults.py
+	$(MUTANTS) -p liveview -- --lib --test goldens --test renderer
+	$(MUTANTS) -p liveview-surface -- --lib
+
+## 2,000 hostile runs of the program and 500 requests to the viewer; `make test` has a fifth of them.
+attack: runtime build
+	ATTACKS=2000 cargo test --release --locked -p liveview-cli --test hostile -- --nocapture
 
 ### Measure: steps by name, python/steps.mk
 

@@ -253,6 +253,13 @@ mod tests {
         assert_eq!(Layers::maps(vec![Array2::zeros((1, 2)), Array2::zeros((2, 1))]).unwrap_err(), shape);
         assert_eq!(Layers::maps(vec![]).unwrap_err(), LayersError::Empty);
     }
+
+    #[test]
+    fn two_wrong_values_are_no_less_wrong_than_one() {
+        let map = |value: f32| Array2::from_elem((1, 2), value);
+        assert!(matches!(Layers::maps(vec![map(f32::NAN)]), Err(LayersError::NotADisparity { index: 0, .. })));
+        assert!(matches!(Layers::maps(vec![map(0.5), map(0.75)]), Err(LayersError::Unsorted { index: 1, .. })));
+    }
 }
 
 #[cfg(test)]

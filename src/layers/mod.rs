@@ -111,4 +111,11 @@ mod tests {
         assert_eq!(enlarged[4..8], [2.0, 3.5, 6.5, 8.0]);
         assert_eq!(enlarged[12..], [8.0, 11.0, 17.0, 20.0]);
     }
+
+    #[test]
+    fn pixels_beyond_the_last_cell_have_its_value() {
+        let mut enlarged = [0.0; 8];
+        enlarge(ndarray::arr2(&[[2.0, 4.0]]).view(), 2, 8, &mut enlarged);
+        assert_eq!(enlarged, [2.0, 2.5, 3.5, 4.0, 4.0, 4.0, 4.0, 4.0]);
+    }
 }

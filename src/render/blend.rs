@@ -299,7 +299,7 @@ mod tests {
     /// Three views over more pixels than are computed together, with summaries of their coverage and without.
     #[test]
     fn rows_equal_their_definition_whatever_is_known_of_their_coverage() {
-        let (views, pixels, from, count) = (3, 700, 64, 330);
+        let (views, pixels, from, count) = (3, 700, 64, 330_usize);
         let noise = |at: usize| ((at as u32).wrapping_mul(2_654_435_761) >> 20) as f32 / 4096.0;
         let kind = |view: usize, pixel: usize| (pixel / RUN + 2 * view) % 4;
         let coverage: Vec<f32> = (0..views * pixels)

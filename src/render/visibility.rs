@@ -153,20 +153,30 @@ mod tests {
     const HEIGHT: usize = 16;
     const MARGIN: f32 = 0.1;
 
-    fn camera(x: f64) -> Camera {
-        let intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 36.0, cy: 8.0, skew: 0.0 };
-        Camera::new(intrinsics, WIDTH, HEIGHT, DMat3::IDENTITY, DVec3::new(x, 0.03, 0.1 * x)).unwrap()
+    /// With as many pixels more on each side.
+    fn camera(x: f64, more: usize) -> Camera {
+        let (cx, cy) = (36.0 + more as f64, 8.0 + more as f64);
+        let intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx, cy, skew: 0.0 };
+        Camera::new(intrinsics, WIDTH + 2 * more, HEIGHT + 2 * more, DMat3::IDENTITY, DVec3::new(x, 0.03, 0.1 * x))
+            .unwrap()
     }
 
     #[test]
     fn occluded_equals_its_definition() {
+        // Photos that end within the target, and photos that cover it.
+        assert_occluded(0);
+        assert_occluded(60);
+    }
+
+    fn assert_occluded(more: usize) {
+        let (width, height) = (WIDTH + 2 * more, HEIGHT + 2 * more);
         let noise = |at: usize| (at as u32).wrapping_mul(2_654_435_761) >> 12;
-        let (target, cameras) = (camera(0.0), [camera(1.3), camera(-0.7), camera(0.4)]);
-        let photo = |k: usize| (0..3 * WIDTH * HEIGHT).map(|at| (noise(at + k) % 200) as f32 / 200.0).collect();
-        let photos = [0, 1, 2].map(|k| Texture::new(&ImageRgb::new(WIDTH, HEIGHT, photo(k)).unwrap()));
+        let (target, cameras) = (camera(0.0, 0), [camera(1.3, more), camera(-0.7, more), camera(0.4, more)]);
+        let photo = |k: usize| (0..3 * width * height).map(|at| (noise(at + k) % 200) as f32 / 200.0).collect();
+        let photos = [0, 1, 2].map(|k| Texture::new(&ImageRgb::new(width, height, photo(k)).unwrap()));
         // Depths in blocks: unknown, before the layer, and behind it.
         let own = |k: usize| {
-            Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| {
+            Array2::from_shape_fn((height, width), |(y, x)| {
                 [-1.0, 0.95, 0.75, 0.1][noise(x / 3 + 9 * (y / 2) + 99 * k) as usize % 4]
             })
         };
@@ -189,7 +199,7 @@ mod tests {
                 let sweep = PlaneSweep::new(&cameras[view], &target);
                 let uvw = sweep.source_from_target(disparity.into()) * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
                 let (u, v, there) = (uvw.x / uvw.z, uvw.y / uvw.z, f64::from(disparity) / uvw.z);
-                let inside = (0.0..WIDTH as f64).contains(&u) && (0.0..HEIGHT as f64).contains(&v);
+                let inside = (0.0..width as f64).contains(&u) && (0.0..height as f64).contains(&v);
                 let own = if inside { f64::from(depths[view][(v as usize, u as usize)]) } else { -1.0 };
                 // Not where rounding decides.
                 clear &= (u - u.round()).abs() > 1e-4

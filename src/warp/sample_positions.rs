@@ -304,6 +304,9 @@ mod tests {
                 }
                 let (first, end) = (pairs[0][2 + axis], pairs[RUN - 1][2 + axis]);
                 let inside = first >= 1.0 && end < last;
+                let touches = |at: f64, end: f64| (1e-5..end - 1e-5).contains(&at);
+                let touched = pairs.iter().any(|&[.., x, y]| touches(x, 321.0) && touches(y, 201.0));
+                assert!(!touched || coverage != Some(RunCoverage::None), "{first} to {end} are seen");
                 assert_eq!(coverage == Some(RunCoverage::All), inside, "{first} to {end}");
                 let part = |at: f64| at - at.floor();
                 uniform[axis] += usize::from(inside && pairs.iter().all(|pair| part(pair[0]) == part(pairs[0][0])));
@@ -312,6 +315,16 @@ mod tests {
         assert!(uniform.iter().all(|&runs| runs > 100), "{uniform:?}");
         let (pairs, _) = locate_both_ways(DMat3::IDENTITY, DVec3::new(210.3, 7.7, 0.0), |i| 0.1 + 1e-3 * i as f32);
         assert!(pairs[1][0] - pairs[0][0] > 1.1, "a run that is not on a plane");
+        let (pairs, _) =
+            locate_both_ways(
+                DMat3::IDENTITY,
+                DVec3::new(210.3, 7.7, 0.0),
+                |i| if i == 5 || i == 9 { 0.2 } else { 0.1 },
+            );
+        assert!(
+            pairs[5][0] - pairs[4][0] > 20.0 && pairs[10][0] - pairs[9][0] < -10.0,
+            "nor one with two points before it"
+        );
     }
 
     #[test]
@@ -326,5 +339,52 @@ mod tests {
             locate_both_ways(DMat3::IDENTITY, DVec3::new(300.0, 0.0, 0.0), |i| i as f32 / 64.0).1.is_none(),
             "steep disparity"
         );
+    }
+
+    /// In front of the view and behind it, inside its photo and beyond each side, in each of the three ways.
+    #[test]
+    fn pixels_and_disparities_are_those_of_the_points() {
+        let texture = Texture::new(&ImageRgb::new(90, 60, vec![0.5; 3 * 90 * 60]).unwrap());
+        let tilted = DMat3::from_cols_array(&[1.02, 0.03, 2e-4, -0.02, 0.97, -1e-4, 9.3, -4.1, 1.0]);
+        let stretched = DMat3::from_cols_array(&[5.0, 0.4, 0.0, 0.0, 1.0, 0.0, -90.0, 0.0, 1.0]);
+        let horizon = DMat3::from_cols_array(&[1.0, 0.0, 0.01, 0.0, 1.0, 0.0, 0.0, 0.0, -0.4]);
+        let (mut met, mut outside) = ([0; 3], 0);
+        for homography in [DMat3::IDENTITY, tilted, stretched, horizon] {
+            for step in 0..400 {
+                let epipole = DVec3::new(f64::from(step % 40) * 7.13 - 150.0, f64::from(step / 40) * 13.7 - 75.0, 0.02);
+                let epipole = if step % 2 == 0 { epipole.with_z(0.0) } else { epipole };
+                let source = WarpSource::new(&texture, PlaneSweep { homography_at_infinity: homography, epipole });
+                let disparity: [f32; RUN] =
+                    std::array::from_fn(|i| if step % 3 == 0 { 0.5 } else { 0.5 + 1e-3 * (i as f32).sin() });
+                let mut found = SamplePositions::NEW;
+                let by_offsets = found.locate_by_offsets::<true>(&source, 31, &(12..12 + RUN), &disparity);
+                if by_offsets.is_none() {
+                    found.locate_in_f64::<true>(&source, 31, 12, &disparity);
+                }
+                met[match by_offsets {
+                    None => 0,
+                    Some(RunCoverage::All) => 1,
+                    Some(_) => 2,
+                }] += 1;
+                for (i, &own) in disparity.iter().enumerate() {
+                    let at = DVec3::new(12.5 + i as f64, 31.5, 1.0);
+                    let uvw = homography * at + epipole * f64::from(own);
+                    let (u, v) = (uvw.x / uvw.z, uvw.y / uvw.z);
+                    if uvw.z.abs() < 1e-3 || (u - u.round()).abs() < 1e-3 || (v - v.round()).abs() < 1e-3 {
+                        continue; // rounding decides
+                    }
+                    let inside = uvw.z > 0.0 && (0.0..90.0).contains(&u) && (0.0..60.0).contains(&v);
+                    let expected = if inside { v as u32 * 90 + u as u32 } else { u32::MAX };
+                    assert_eq!(found.pixel[i], expected, "{homography} {epipole}: {i} at ({u}, {v})");
+                    outside += usize::from(!inside);
+                    let expected = if uvw.z > 0.0 { f64::from(own) / uvw.z } else { 0.0 };
+                    assert!(
+                        (f64::from(found.disparity[i]) - expected).abs() < 1e-5 * (1.0 + expected),
+                        "{homography}: {i}"
+                    );
+                }
+            }
+        }
+        assert!(met.iter().all(|&runs| runs > 50) && outside > 10_000, "{met:?} {outside}");
     }
 }

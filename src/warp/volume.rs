@@ -236,4 +236,31 @@ mod tests {
         let hidden: u32 = alone.3.iter().map(|seen| seen.count_zeros()).sum();
         assert!((pixels / 20..pixels / 5).contains(&(hidden as usize)), "{hidden} pixels hidden");
     }
+
+    #[test]
+    fn all_views_and_layers_are_warped_as_each_alone() {
+        const SIZE: Size = Size::new(70, 75);
+        let pixels = SIZE.pixels();
+        let photo =
+            |seed: usize| ImageRgb::new(70, 75, (0..3 * pixels).map(|i| (i * seed % 251) as f32 / 250.0).collect());
+        let textures = [7, 11].map(|seed| Texture::new(&photo(seed).unwrap()));
+        let sweep =
+            |x: f64| PlaneSweep { homography_at_infinity: DMat3::IDENTITY, epipole: DVec3::new(x, 0.3 * x, 0.0) };
+        let sources = [WarpSource::new(&textures[0], sweep(9.3)), WarpSource::new(&textures[1], sweep(-17.7))];
+        let layers = [0.1, 0.5, 1.0, 2.0].map(|disparity| vec![disparity; pixels]);
+        let warp = |layers: &[f32], sources: &[WarpSource<'_>]| {
+            let values = layers.len() * sources.len();
+            let (mut colour, mut coverage) = (vec![9.0; 3 * values], vec![9.0; values]);
+            warp_layers(layers, sources, SIZE, &mut colour, &mut coverage);
+            (colour, coverage)
+        };
+        let (colour, coverage) = warp(&layers.concat(), &sources);
+        for (k, layer) in layers.iter().enumerate() {
+            for (view, source) in sources.iter().enumerate() {
+                let (alone, covered) = warp(layer, &[*source]);
+                let at = (k * sources.len() + view) * pixels;
+                assert!(colour[3 * at..][..3 * pixels] == alone && coverage[at..][..pixels] == covered, "{k} {view}");
+            }
+        }
+    }
 }

@@ -418,6 +418,8 @@ fn signal(random: &mut Random) -> Outcome {
     if name != "-KILL" && !temporary.is_empty() {
         return Err(format!("{what}: {temporary:?} are left"));
     }
+    // A killed run cannot delete its own, nor can another run know whose it is.
+    temporary.iter().for_each(|path| fs::remove_file(path).unwrap());
     let output = run(&[&arguments[..6], &["-o", &out, "--layers", layers, "--resume"]].concat());
     let pictures =
         files(Path::new(&out)).iter().filter(|path| path.extension().is_some_and(|end| end == "png")).count();
