@@ -1,6 +1,8 @@
 //! Numbers on the command line.
 
+use std::fmt::Display;
 use std::ops::{Range, RangeInclusive};
+use std::str::FromStr;
 
 use liveview_live::FrameRate;
 
@@ -16,7 +18,7 @@ pub(crate) fn up_to_256(text: &str) -> Result<usize, String> {
 
 /// Parses the quality of a JPEG, from 1 to 100.
 pub(crate) fn quality(text: &str) -> Result<u8, String> {
-    in_range(text, 1..=100).map(|quality| quality as u8)
+    in_range(text, 1..=100)
 }
 
 /// Parses a field of view in degrees, from 1 to 170.
@@ -52,7 +54,8 @@ pub(crate) fn frame_rate(text: &str) -> Result<FrameRate, String> {
     rate.ok_or_else(|| "expected frames per second from 1 to 1000, such as 30, 29.97 or 30000/1001".to_owned())
 }
 
-fn in_range(text: &str, range: RangeInclusive<usize>) -> Result<usize, String> {
+/// Parses a whole number of a range.
+pub(crate) fn in_range<T: FromStr + PartialOrd + Display>(text: &str, range: RangeInclusive<T>) -> Result<T, String> {
     let number = text.parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
 }

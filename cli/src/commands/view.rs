@@ -9,7 +9,6 @@ use liveview_live::rig::Rig;
 use liveview_viewer::{Shown, ViewSettings, Viewer};
 use serde_json::json;
 
-use crate::args::numbers::frame_rate;
 use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers};
 use crate::console::{Output, print_message, print_note, print_notes};
 use crate::interrupt;
@@ -30,7 +29,7 @@ The space bar starts and stops the video of a rig (see `liveview video --help`).
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ViewArgs {
     /// Port of the link; 0 for any free port
-    #[arg(long, value_name = "N", default_value = "8090")]
+    #[arg(long, value_name = "N", default_value = "8090", value_parser = |text: &str| numbers::in_range(text, 0..=65535))]
     port: u16,
     /// Network address of this machine, to give others access by a token in the link
     ///
@@ -46,7 +45,7 @@ pub(crate) struct ViewArgs {
     #[arg(long)]
     open: bool,
     /// Time steps per second of a rig [default: its videos' frame rate, else 30]
-    #[arg(long, value_name = "N", value_parser = frame_rate)]
+    #[arg(long, value_name = "N", value_parser = numbers::frame_rate)]
     fps: Option<FrameRate>,
     /// Photos to hold out, by name; at the pose of one the picture is compared with it
     #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
