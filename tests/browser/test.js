@@ -223,7 +223,7 @@ async function rig() {
   figures.push(`a rig: the fourth time step ${((performance.now() - begun) / 1000).toFixed(1)} s after play`);
   await page.click("#play");
   await page.$eval("#step", (slider) => { slider.value = 1; slider.dispatchEvent(new Event("input")); });
-  await until("the second time step", async () => (await state(page)).step === 1);
+  await until("the second time step", async () => (await state(page)).step === "1");
   await page.screenshot({ path: join(shots, "rig.png") });
   await close(page);
   server.child.kill();
