@@ -29,7 +29,7 @@ The space bar starts and stops the video of a rig (see `liveview video --help`).
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ViewArgs {
     /// Port of the link; 0 for any free port
-    #[arg(long, value_name = "N", default_value = "8090", value_parser = |text: &str| numbers::in_range(text, 0..=65535))]
+    #[arg(long, value_name = "N", default_value = "8090", value_parser = |text: &str| numbers::in_range(text, 0..=u16::MAX))]
     port: u16,
     /// Network address of this machine, to give others access by a token in the link
     ///
