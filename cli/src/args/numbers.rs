@@ -16,11 +16,6 @@ pub(crate) fn up_to_256(text: &str) -> Result<usize, String> {
     in_range(text, 1..=256)
 }
 
-/// Parses the quality of a JPEG, from 1 to 100.
-pub(crate) fn quality(text: &str) -> Result<u8, String> {
-    in_range(text, 1..=100)
-}
-
 /// Parses a field of view in degrees, from 1 to 170.
 pub(crate) fn field_of_view(text: &str) -> Result<f64, String> {
     let degrees = text.parse().ok().filter(|degrees| (1.0..=170.0).contains(degrees));

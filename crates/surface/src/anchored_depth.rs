@@ -122,9 +122,7 @@ impl Group {
         let others = self.cameras.iter().zip(&self.maps).skip(1);
         let own = confirmed_by((camera, found), others).disparity;
         let carried = self.carried(found.disparity_per_pixel);
-        // Cells that are confirmed (≥ 0), or of those around which more than a third are.
-        let known = share_of_known(&own, WINDOW_RADIUS);
-        let kept = Array2::from_shape_fn(own.dim(), |at| own[at] >= 0.0 || known(at) > 1.0 / 3.0);
+        let kept = mostly_confirmed(&own);
         let anchor = |((y, x), &own): ((usize, usize), &f32)| {
             if own >= 0.0 || kept[(y, x)] { own } else { carried[(y * CELL / SMALL_CELL, x * CELL / SMALL_CELL)] }
         };
@@ -144,6 +142,12 @@ impl Group {
         let map = map.iter().zip(differ).map(|(&d, differ)| if differ { -1.0 } else { d }).collect();
         Array2::from_shape_vec((size.height, size.width), map).expect("one per cell")
     }
+}
+
+/// Which cells are confirmed (≥ 0), or more than a third of those around them.
+fn mostly_confirmed(confirmed: &Array2<f32>) -> Array2<bool> {
+    let share = share_of_known(confirmed, WINDOW_RADIUS);
+    Array2::from_shape_fn(confirmed.dim(), |at| confirmed[at] >= 0.0 || share(at) > 1.0 / 3.0)
 }
 
 /// Pixels per side of a cell of a map.

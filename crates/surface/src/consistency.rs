@@ -278,10 +278,10 @@ mod tests {
         let disparity: Vec<f32> = (0..WIDTH).map(|x| 0.02 * x as f32).collect();
         let (mut row, mut behind) = (Projected::default(), 0);
         project_row(&sweep, 7, &disparity, &mut row);
-        for x in 0..WIDTH {
-            let found = project(&sweep, (x, 7), disparity[x]);
+        for (x, &disparity) in disparity.iter().enumerate() {
+            let found = project(&sweep, (x, 7), disparity);
             assert_eq!(found, (row.x[x], row.y[x], row.disparity[x]));
-            let expected = exact(&other, &here, (x, 7), disparity[x]);
+            let expected = exact(&other, &here, (x, 7), disparity);
             if expected.z < 0.0 {
                 assert_eq!(found, (-1.0, -1.0, 0.0));
                 behind += 1;

@@ -296,14 +296,14 @@ mod tests {
         for window in [3, 5] {
             let mut found = vec![0.0; plane];
             window_variance(&mut colour.clone(), &coverage, width, (window, 7.0), &mut found);
-            for at in 0..plane {
+            for (at, &found) in found.iter().enumerate() {
                 let near = |other: &usize| {
                     (other / width).abs_diff(at / width) <= window / 2
                         && (other % width).abs_diff(at % width) <= window / 2
                 };
                 let of_window: Vec<f64> = (0..plane).filter(near).filter_map(cell).collect();
                 let expected = of_window.iter().sum::<f64>() / of_window.len() as f64;
-                assert!((f64::from(found[at]) - expected).abs() < 1e-6, "{at}: {}, not {expected}", found[at]);
+                assert!((f64::from(found) - expected).abs() < 1e-6, "{at}: {found}, not {expected}");
             }
         }
         let mut found = vec![0.0; plane];

@@ -8,13 +8,15 @@ use ndarray::Array2;
 
 use crate::aggregate::aggregate;
 use crate::consistency::visible;
+use crate::fusion::{splat_confirmed, warp_sources};
 use crate::grid::{Candidates, Grid, Planes, SEGMENT};
 use crate::nearer_edges::nearer_edges;
+use crate::neighbourhood::{fill_holes, median3};
 use crate::photo_sweep::{COST_SCALE, costs};
 use crate::stages::{SurfaceView, anchored_depth, confirmed, exposure_gains, sharpening, surface};
-use crate::target_search::{MAX_VARIANCE, SeenSurface, photo_variance};
+use crate::target_search::{MAX_VARIANCE, SeenSurface, TargetSearch, photo_variance};
 use crate::*;
-use liveview::geometry::{Camera, Intrinsics, PlaneSweep};
+use liveview::geometry::{Camera, Intrinsics, PlaneSweep, Size};
 use liveview::image::ImageRgb;
 use liveview::layers::{Layer, LayersError};
 use liveview::warp::{NO_GAINS, SourceView, Texture, WarpSource};
@@ -192,6 +194,89 @@ fn depth_and_surface_are_within_a_pixel_of_the_truth() {
     assert!(values(0).iter().zip(values(1).iter().zip(&values(2))).all(ordered));
     assert_ne!(values(0), values(2), "it has edges");
     assert!(matches!(found.layers(0), Err(LayersError::Empty)));
+}
+
+#[test]
+fn surface_equals_its_definition() {
+    let rig = Rig::new();
+    let mut maps = rig.maps();
+    let confirmed = maps.mutually_confirmed(&rig.set(4));
+    let (target, size) = (camera(0.1), Size::new(WIDTH, HEIGHT));
+    let pixel = (1.0 / (FOCAL * 0.5)) as f32;
+    for has_holes in [false, true] {
+        // Below, where filling them from beside is right, and on the square, where only a search is.
+        let is_hole = |y: usize, d: f32| has_holes && (y >= 76 || (20..36).contains(&y) && d > 0.3);
+        let with_holes = |map: &Arc<ConfirmedDisparity>| {
+            let value = |((y, _), &d): ((usize, usize), &f32)| if is_hole(y, d) { -1.0 } else { d };
+            let values = map.disparity.indexed_iter().map(value).collect();
+            let disparity = Array2::from_shape_vec((HEIGHT, WIDTH), values).unwrap();
+            Arc::new(ConfirmedDisparity { disparity, ..*map.as_ref() })
+        };
+        let confirmed: Vec<_> = confirmed.iter().map(with_holes).collect();
+        let views = rig.surface_views(&confirmed);
+        let found = surface(&views, &target, RANGE);
+        assert!((found.disparity_per_pixel - pixel).abs() < 1e-6, "{}", found.disparity_per_pixel);
+
+        let splatted = splat_confirmed(&views, &target, found.disparity_per_pixel);
+        let guessed: Vec<bool> = splatted.iter().map(|&d| d < 0.0).collect();
+        let share = guessed.iter().filter(|guessed| **guessed).count() as f64 / (WIDTH * HEIGHT) as f64;
+        assert!(found.guessed.iter().eq(&guessed) && found.guessed_share() == share);
+        assert_eq!(share > 0.05, has_holes, "{share}");
+        let mut expected = fill_holes(&splatted, WIDTH);
+        if has_holes {
+            let (sources, margin) = (warp_sources(&views, &target), 4.0 * found.disparity_per_pixel);
+            let (views, sources, splatted) = (&views[..], &sources[..], &splatted[..]);
+            let search = TargetSearch { views, sources, target: &target, splatted, size, range: RANGE, margin };
+            let planes = search.planes();
+            let searched = search.disparity(&planes, search.costs(&planes).view());
+            let variance = |disparity: &[f32]| {
+                let visible_to = |view: &SurfaceView<'_>| {
+                    visible((view.view.camera, view.confirmed), &target, disparity, WIDTH, margin)
+                };
+                let visible: Vec<_> = views.iter().map(visible_to).collect();
+                photo_variance(&SeenSurface { disparity, splatted, width: WIDTH, sources, visible: &visible })
+            };
+            let (of_filled, of_searched) = (variance(&expected), variance(&searched));
+            let holes = (0..splatted.len()).filter(|&at| guessed[at]);
+            let (kept, replaced): (Vec<_>, Vec<_>) =
+                holes.partition(|&at| of_filled[at] < 0.9 * of_searched[at] - 1e-7);
+            assert!(kept.len() > 20 && replaced.len() > 20, "{} and {}", kept.len(), replaced.len());
+            replaced.into_iter().for_each(|at| expected[at] = searched[at]);
+        }
+        assert!(found.disparity.iter().eq(&median3(&expected, WIDTH)), "holes: {has_holes}");
+    }
+    let views = rig.surface_views(&confirmed[..1]);
+    let range = (1.0 / RANGE.0 - 1.0 / RANGE.1) as f32;
+    let found = surface(&views, &camera(0.001), RANGE).disparity_per_pixel;
+    assert!((found - range).abs() < 1e-6, "a parallax below a pixel counts as one: {found}");
+}
+
+#[test]
+fn layers_divide_the_range_of_three_by_three_pixels() {
+    let disparity = Array2::from_shape_fn((8, 16), |(y, x)| 0.1 + ((7 * y + 5 * x) % 11) as f32 / 16.0);
+    let guessed = Array2::from_elem((8, 16), false);
+    let surface = Surface { disparity: disparity.clone(), disparity_per_pixel: 0.1, guessed };
+    let around = |y: usize, x: usize, f: fn(f32, f32) -> f32| {
+        let rows = y.saturating_sub(1)..(y + 2).min(8);
+        let values = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(16)).map(move |x| (y, x)));
+        values.map(|at| disparity[at]).reduce(f).unwrap()
+    };
+    for count in 1..6 {
+        let layers = surface.layers(count).unwrap();
+        assert_eq!(layers.len(), count);
+        for (k, layer) in layers.as_slice().iter().enumerate() {
+            let Layer::Pixels(map) = layer else { panic!("{layer:?}") };
+            for ((y, x), &found) in map.indexed_iter() {
+                let (near, far) = (around(y, x, f32::max), around(y, x, f32::min));
+                let expected = match (count, k) {
+                    (1, _) | (3, 1) => disparity[(y, x)],
+                    (_, k) if k + 1 == count => far,
+                    (_, k) => near + k as f32 / (count - 1) as f32 * (far - near),
+                };
+                assert_eq!(found, expected, "layer {k} of {count} at {x}, {y}");
+            }
+        }
+    }
 }
 
 #[test]
@@ -400,7 +485,8 @@ fn photo_variance_equals_its_definition() {
     let sources = [0, 1, 2].map(|k| WarpSource { gains: gains[k], ..WarpSource::new(&rig.photos[k], sweep(k)) });
     let pixels = WIDTH * HEIGHT;
     // A wall, and a stripe before it; each view sees most of it, and past some of it.
-    let disparity: Vec<f32> = (0..pixels).map(|at| if at % WIDTH / 16 % 3 == 0 { 0.3 } else { 0.125 }).collect();
+    let disparity: Vec<f32> =
+        (0..pixels).map(|at| if (at % WIDTH / 16).is_multiple_of(3) { 0.3 } else { 0.125 }).collect();
     let seen = |k: usize| {
         (0..pixels)
             .map(|at| match (at / 5 + 7 * k * at / 11) % 13 {

@@ -43,7 +43,7 @@ pub(super) struct OutputArgs {
     #[arg(long, value_name = "PNG")]
     compare: Option<PathBuf>,
     /// Write JPEG of this quality, 1 to 100, into a folder too [default: PNG into a folder, else 95]
-    #[arg(long, value_name = "Q", value_parser = numbers::quality, requires = "output")]
+    #[arg(long, value_name = "Q", value_parser = |text: &str| numbers::in_range(text, 1..=100_u8), requires = "output")]
     jpeg_quality: Option<u8>,
     /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
