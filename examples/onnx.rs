@@ -11,13 +11,14 @@
 
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use liveview::geometry::Size;
 use liveview::image::{ImageError, load};
+use liveview::ndarray::Array4;
 use liveview::network::{ExecutionProvider, NetworkError, OrtLibrary, OrtNetwork, PlaneNetwork};
 use liveview::{Camera, ImageRgb, Layers, RenderRequest, Renderer, SourceView, Texture};
-use ndarray::Array4;
 
 type Pose = [[f64; 4]; 4];
 
@@ -75,7 +76,17 @@ const VIEWS: [(&str, Pose); 4] = [
     ),
 ];
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    match new_view() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn new_view() -> Result<(), Box<dyn Error>> {
     let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
     let mut network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?;
     infer_alone(&mut network)?;

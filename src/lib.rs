@@ -9,7 +9,8 @@
 //!
 //! # Example
 //!
-//! Photos and cameras in, a picture out:
+//! V photos, nearest first ([`geometry::choose_views`]), and their cameras in, a picture out. `examples/onnx.rs` is
+//! a whole program; the environment variable `ORT_DYLIB_PATH` names ONNX Runtime's library.
 //!
 //! ```no_run
 //! use liveview::network::{ExecutionProvider, OrtLibrary, OrtNetwork};
@@ -17,13 +18,13 @@
 //!
 //! fn new_view(photos: &[ImageRgb], cameras: &[Camera], target: &Camera) -> Result<Frame, Box<dyn std::error::Error>> {
 //!     let library = OrtLibrary::load(ExecutionProvider::Cpu, None)?;
-//!     let network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?;
+//!     let network = OrtNetwork::open(&library, "models/liveview_v4_planes.onnx".as_ref(), 2)?; // 2 threads
 //!     let alpha = network.card().alpha(None);
-//!     let mut renderer = Renderer::new(Box::new(network), alpha, 1);
+//!     let mut renderer = Renderer::new(Box::new(network), alpha, 1); // one plane at a time
 //!     let textures: Vec<Texture> = photos.iter().map(Texture::new).collect();
 //!     let views: Vec<SourceView> =
 //!         cameras.iter().zip(&textures).map(|(camera, texture)| SourceView { camera, texture }).collect();
-//!     let planes = Layers::uniform(1.0, 100.0, 64)?;
+//!     let planes = Layers::uniform(1.0, 100.0, 64)?; // from near to far, in scene units
 //!     Ok(renderer.render(RenderRequest::new(&views, target, &planes))?)
 //! }
 //! ```

@@ -20,7 +20,7 @@ LIBRARY = "lib/python*/site-packages/onnxruntime/capi/libonnxruntime.*"
 
 def output(command: str, **variables: str) -> str:
     """What a command prints; its messages go to the terminal."""
-    print("$", command, flush=True)
+    print("$", *(f"{name}={value}" for name, value in variables.items()), command, flush=True)
     done = subprocess.run(command.split(), stdout=subprocess.PIPE, text=True, env=os.environ | variables)
     if done.returncode != 0:
         sys.exit(done.stdout or f"{command}: exit code {done.returncode}")

@@ -27,7 +27,8 @@ pub trait PlaneNetwork: Send {
 
     /// `hwv` `[n, 3V, h, w]` (views nearest first, RGB in [0, 1], zeros outside the photos; h and w
     /// are multiples of [`crate::layers::STRIDE`]) and its `coverage` `[n, V, h, w]` (0 where a view does
-    /// not see the layer, 1 where it does) → `logits` `[n, V, h, w]`, all in standard layout.
+    /// not see the layer, 1 where it does) → `logits` `[n, V, h, w]` (logit 0: opacity; 1 to V − 1: the weight of
+    /// these views against the first), all in standard layout.
     ///
     /// # Errors
     ///
