@@ -67,9 +67,10 @@ lint: setup
 	$(BIN)/ruff format --check $(RUFF)
 	cd python && ../$(BIN)/lint-imports --no-cache
 
-## Rust tests; ignored tests whose data is installed run as well.
+## Rust tests (examples are compiled by lint); ignored tests whose data is installed run as well.
 test-rust: runtime build
-	cargo test --release --locked
+	cargo test --release --locked --lib --bins --tests
+	cargo test --release --locked --doc
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scenes -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
@@ -87,7 +88,7 @@ parity: wheel
 	$(PARITY) --target target_1 --views 5 --layers planes:6
 	$(PARITY) --target target_0 --layers guided:2 --precision int8
 	$(PARITY) --target target_0 --search-width 0
-	$(PARITY) --target target_0 --layers surface:2 --network model --search-width 0
+	$(PARITY) --target target_0 --layers surface:2 --network model
 	$(PARITY) --target target_0 --layers planes:16 --alpha competing
 	$(PARITY:workshop=walls) --target target --both-ways
 	$(STABILITY) --short > target/stability.md
