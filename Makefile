@@ -67,9 +67,9 @@ lint: setup
 	$(BIN)/ruff format --check $(RUFF)
 	cd python && ../$(BIN)/lint-imports --no-cache
 
-## Rust tests (examples are compiled by lint); ignored tests whose data is installed run as well.
+## Rust tests (lint compiles the other examples); ignored tests whose data is installed run as well.
 test-rust: runtime build
-	cargo test --release --locked --lib --bins --tests
+	cargo test --release --locked --lib --bins --tests --example onnx
 	cargo test --release --locked --doc
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scenes -- --ignored
 
