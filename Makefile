@@ -67,10 +67,9 @@ lint: setup
 	$(BIN)/ruff format --check $(RUFF)
 	cd python && ../$(BIN)/lint-imports --no-cache
 
-## Rust tests (lint compiles the other examples); ignored tests whose data is installed run as well.
+## Rust tests; ignored tests whose data is installed run as well.
 test-rust: runtime build
-	cargo test --release --locked --lib --bins --tests --example onnx
-	cargo test --release --locked --doc
+	cargo test --release --locked
 	test ! -d $(DATA) || LIVEVIEW_DATA=$(abspath $(DATA)) cargo test --release --locked --test scenes -- --ignored
 
 ## Python tests, including those of the program, of the evaluation, and of every stage of the library against the reference.
