@@ -141,7 +141,7 @@ pub(crate) fn undistort<'py>(
     fisheye: bool,
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let picture = picture("photo", photo)?;
-    let here = std::array::from_fn(|row| std::array::from_fn(|column| f64::from(u8::from(row == column))));
+    let here = liveview::glam::DMat4::IDENTITY.to_cols_array_2d();
     let camera = Convention::OpenCv.camera(matrix("k", k)?, here, picture.size());
     let camera = camera.map_err(|error| refused(&error, ["k", "k", "photo"]))?;
     let given = vector("distortion", distortion, "n")?.to_vec();

@@ -152,6 +152,11 @@ impl<'a> Fields<'a> {
         SceneError::malformed(self.path, format!("{}: {key} {found}", self.place), expected)
     }
 
+    /// The number, 0 without one.
+    pub(crate) fn or_zero(&self, key: &str) -> Result<f64, SceneError> {
+        Ok(self.optional(key)?.unwrap_or(0.0))
+    }
+
     pub(crate) fn optional(&self, key: &str) -> Result<Option<f64>, SceneError> {
         match self.get(key) {
             None => Ok(None),

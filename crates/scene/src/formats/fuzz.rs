@@ -6,7 +6,9 @@
 use std::path::Path;
 
 use crate::formats::colmap::Model;
-use crate::formats::{colmap, gaussians, llff, metashape, opensfm, realestate10k, realitycapture, spaces, transforms};
+use crate::formats::{
+    Views, colmap, gaussians, llff, metashape, opensfm, realestate10k, realitycapture, spaces, transforms,
+};
 use crate::photos::PhotoLookup;
 use crate::scene_file::{self, safe_name};
 use crate::{DeclaredViews, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError, SceneOptions, View, view};
@@ -49,43 +51,33 @@ pub fn transforms(bytes: &[u8]) -> Opened {
 
 /// Reads a `models.json`.
 pub fn spaces(bytes: &[u8]) -> Opened {
-    finish(spaces::views(bytes, &SceneOptions::default(), PhotoLookup::new(&AnyPhoto, Path::new("scene/models.json")))?)
+    alone(spaces::views, "models.json", bytes)
 }
 
 /// Reads a `cameras.json` of 3D Gaussian Splatting.
 pub fn gaussians(bytes: &[u8]) -> Opened {
-    finish(gaussians::views(
-        bytes,
-        &SceneOptions::default(),
-        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.json")),
-    )?)
+    alone(gaussians::views, "cameras.json", bytes)
 }
 
 /// Reads the cameras that Metashape exports.
 pub fn metashape(bytes: &[u8]) -> Opened {
-    finish(metashape::views(
-        bytes,
-        &SceneOptions::default(),
-        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.xml")),
-    )?)
+    alone(metashape::views, "cameras.xml", bytes)
 }
 
 /// Reads the camera parameters that RealityCapture exports.
 pub fn realitycapture(bytes: &[u8]) -> Opened {
-    finish(realitycapture::views(
-        bytes,
-        &SceneOptions::default(),
-        PhotoLookup::new(&AnyPhoto, Path::new("scene/cameras.csv")),
-    )?)
+    alone(realitycapture::views, "cameras.csv", bytes)
 }
 
 /// Reads a `reconstruction.json` of OpenSfM.
 pub fn opensfm(bytes: &[u8]) -> Opened {
-    finish(opensfm::views(
-        bytes,
-        &SceneOptions::default(),
-        PhotoLookup::new(&AnyPhoto, Path::new("scene/reconstruction.json")),
-    )?)
+    alone(opensfm::views, "reconstruction.json", bytes)
+}
+
+/// Reads a file that is all that its format has.
+fn alone(views: Views, name: &str, bytes: &[u8]) -> Opened {
+    let path = Path::new("scene").join(name);
+    finish(views(bytes, &SceneOptions::default(), PhotoLookup::new(&AnyPhoto, &path))?)
 }
 
 /// Reads a `cameras.txt` with the photos 1 and 2.

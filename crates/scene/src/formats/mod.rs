@@ -28,10 +28,13 @@ pub(super) struct Reader(pub(super) Format, pub(super) Find, Open);
 /// The file of a format in a folder; of COLMAP the folder itself.
 type Find = fn(&Path) -> Option<PathBuf>;
 
+/// The views of a file, given its bytes.
+type Views = fn(&[u8], &SceneOptions, PhotoLookup<'_>) -> Result<DeclaredViews, SceneError>;
+
 /// How it is read.
 enum Open {
     /// Given its bytes; it is all that is read.
-    Alone(fn(&[u8], &SceneOptions, PhotoLookup<'_>) -> Result<DeclaredViews, SceneError>),
+    Alone(Views),
     /// With others.
     WithOthers(fn(&SceneOptions, PhotoLookup<'_>) -> Result<DeclaredViews, SceneError>),
 }

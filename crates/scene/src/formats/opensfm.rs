@@ -42,16 +42,15 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
                 hint,
             });
         }
-        let number = |key: &str| camera.optional(key).map(|number| number.unwrap_or(0.0));
         let fx = camera.optional("focal_x")?.map_or_else(|| camera.number("focal"), Ok)?;
         let fy = camera.optional("focal_y")?.unwrap_or(fx);
         let size = camera.size()?;
         let [width, height] = [size.width, size.height].map(|side| side as f64);
         let side = width.max(height);
-        let (cx, cy) = (0.5 * width + side * number("c_x")?, 0.5 * height + side * number("c_y")?);
+        let (cx, cy) = (0.5 * width + side * camera.or_zero("c_x")?, 0.5 * height + side * camera.or_zero("c_y")?);
         let intrinsics = Intrinsics { fx: side * fx, fy: side * fy, cx, cy, skew: 0.0 };
-        let k = [number("k1")?, number("k2")?, number("k3")?, number("k4")?, 0.0, 0.0];
-        let p = if kind == "brown" { [number("p1")?, number("p2")?] } else { [0.0; 2] };
+        let k = [camera.or_zero("k1")?, camera.or_zero("k2")?, camera.or_zero("k3")?, camera.or_zero("k4")?, 0.0, 0.0];
+        let p = if kind == "brown" { [camera.or_zero("p1")?, camera.or_zero("p2")?] } else { [0.0; 2] };
         let rotation = rotation_about(DVec3::from_array(shot.numbers("rotation")?));
         let pose = (rotation, DVec3::from_array(shot.numbers("translation")?));
         let view = DeclaredView::new(photo, (intrinsics, size), pose);

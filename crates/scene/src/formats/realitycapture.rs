@@ -26,9 +26,8 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
         let place = format!("line {}", index + 1);
         let row = Fields::new(path, &place, &row, None)?;
         let Some(photo) = lookup.find(row.text("#name")?)? else { continue };
-        let or_zero = |key: &str| row.optional(key).map(|number| number.unwrap_or(0.0));
-        let k = [or_zero("k1")?, or_zero("k2")?, or_zero("k3")?, or_zero("k4")?, 0.0, 0.0];
-        let p = [or_zero("t2")?, or_zero("t1")?];
+        let k = [row.or_zero("k1")?, row.or_zero("k2")?, row.or_zero("k3")?, row.or_zero("k4")?, 0.0, 0.0];
+        let p = [row.or_zero("t2")?, row.or_zero("t1")?];
         if k[3] != 0.0 || k[0] != 0.0 && [k[1], k[2], p[0], p[1]] == [0.0; 4] {
             // A division model has k1 alone, and the file does not name the model.
             let hint = "align with the model Brown3, or export undistorted photos with their cameras".to_owned();
@@ -38,7 +37,7 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
         let [width, height] = [photo.size.width, photo.size.height].map(|side| side as f64);
         let side = width.max(height);
         let f = side * row.number("f")? / 36.0;
-        let (cx, cy) = (0.5 * width + side * or_zero("px")?, 0.5 * height + side * or_zero("py")?);
+        let (cx, cy) = (0.5 * width + side * row.or_zero("px")?, 0.5 * height + side * row.or_zero("py")?);
         let angle = |key: &str| row.number(key).map(f64::to_radians);
         let turned = DMat3::from_rotation_z(-angle("heading")?) * DMat3::from_rotation_x(angle("pitch")?);
         let axes = turned * DMat3::from_rotation_y(angle("roll")?);

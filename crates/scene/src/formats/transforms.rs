@@ -158,19 +158,18 @@ fn distortion(frame: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Distort
         "FULL_OPENCV" => &[],
         _ => &["k4", "k5", "k6"],
     };
-    let coefficient = |key| Ok::<f64, SceneError>(frame.optional(key)?.unwrap_or(0.0));
     for key in without {
-        let value = coefficient(key)?;
+        let value = frame.or_zero(key)?;
         if value != 0.0 {
             return refuse(format!("distortion {key} = {value}{}", if fisheye { " of a fisheye" } else { "" }));
         }
     }
-    let [k1, k2, k3, k4, k5, k6] = ["k1", "k2", "k3", "k4", "k5", "k6"].map(coefficient);
+    let [k1, k2, k3, k4, k5, k6] = ["k1", "k2", "k3", "k4", "k5", "k6"].map(|key| frame.or_zero(key));
     Ok(Distortion {
         fisheye,
         division: false,
         k: [k1?, k2?, k3?, k4?, k5?, k6?],
-        p: [coefficient("p1")?, coefficient("p2")?],
+        p: [frame.or_zero("p1")?, frame.or_zero("p2")?],
     })
 }
 
