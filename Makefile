@@ -115,7 +115,7 @@ fuzz:
 ## Faults that a test must find: those by name, then one in 400 that cargo-mutants makes, by the day. SHARE=0/1: all of them, for days.
 # What is missed is printed; not all of it changes anything: tests/mutants/equivalent.md.
 SHARE ?= $(shell date +%j)/400
-MUTANTS = cargo mutants --dir target/mutants/tree --in-place --config tests/mutants/mutants.toml --output target/mutants \
+MUTANTS = CARGO_TARGET_DIR=$(abspath target) cargo mutants --dir target/mutants/tree --in-place --config tests/mutants/mutants.toml --output target/mutants \
 	--sharding round-robin --shard $(SHARE)
 mutants: runtime
 	cargo mutants --version > /dev/null 2>&1 || cargo install cargo-mutants --locked --version 27.1.0

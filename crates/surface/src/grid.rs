@@ -205,4 +205,16 @@ mod tests {
         assert_eq!(ranges, ndarray::arr3(&[[[40, 104], [40, 64], [40, 64]]]), "up to the last plane");
         assert!(tile_ranges(&coarser, &Grid::new(1.0, 2.0, 64), size).is_none());
     }
+
+    #[test]
+    fn difference_is_that_of_the_two_pixels() {
+        let value = |at: usize, channel: usize| ((at * 37 + channel * 11) % 101) as f32 / 101.0;
+        let rgb = (0..12 * 3).map(|at| value(at / 3, at % 3)).collect();
+        let picture = liveview::image::ImageRgb::new(4, 3, rgb).unwrap();
+        let photo = Planes::new(&Texture::new(&picture));
+        for (one, other) in (0..12).flat_map(|one| (0..12).map(move |other| (one, other))) {
+            let expected: f32 = (0..3).map(|channel| (value(one, channel) - value(other, channel)).abs()).sum();
+            assert!((photo.difference(one, other) - expected).abs() < 1e-6, "{one}, {other}");
+        }
+    }
 }

@@ -361,4 +361,18 @@ mod tests {
         assert!(costs[..11].iter().zip(drawn).all(|(&found, expected)| found.abs_diff(expected) <= 1), "{costs:?}");
         assert_eq!((&costs[11..22], &costs[22..]), (&[500; 11][..], &[1001; 11][..]));
     }
+
+    #[test]
+    fn search_bytes_are_those_of_the_volume_and_of_maps() {
+        let camera = |x: f64| {
+            let intrinsics = liveview::geometry::Intrinsics { fx: 100.0, fy: 100.0, cx: 50.0, cy: 40.0, skew: 0.0 };
+            Camera::new(intrinsics, 100, 80, glam::DMat3::IDENTITY, glam::DVec3::new(x, 0.0, 0.0)).unwrap()
+        };
+        let (photo, beside) = (camera(0.0), camera(0.5));
+        // Disparities from 0 to 1: 50 pixels, 51 planes at cells of 2 pixels, 64 in whole segments.
+        let bytes = search_bytes(&[&photo, &beside], (1.0, f64::INFINITY));
+        assert_eq!(bytes, 4 * 2000 * 64 + 60 * 8000);
+        // 32 planes at least: the second search, 16 at each pixel, takes as much.
+        assert_eq!(search_bytes(&[&photo, &photo], (1.0, f64::INFINITY)), 4 * 8000 * 16 + 60 * 8000);
+    }
 }
