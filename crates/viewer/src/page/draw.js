@@ -112,15 +112,19 @@ class Drawer {
     if (!photo.texture) {
       photo.sharpened = amount;
       const { width, height } = photo.bitmap;
-      const plain = this.texture(gl.RGBA8, width, height, gl.NEAREST);
+      const levels = 1 + Math.floor(Math.log2(Math.max(width, height)));
+      const plain = this.texture(gl.RGBA8, width, height, gl.LINEAR, levels);
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, gl.RGBA, gl.UNSIGNED_BYTE, photo.bitmap);
-      const sharp = this.target(gl.RGBA8, width, height, gl.LINEAR, gl.COLOR_ATTACHMENT0, 1 + Math.floor(Math.log2(Math.max(width, height))));
-      this.bind(UNITS.own, plain);
-      this.pass(sharp, this.sharpen, { amount });
-      gl.deleteFramebuffer(sharp.frame);
-      gl.deleteTexture(plain);
-      photo.texture = sharp.texture;
-      gl.bindTexture(gl.TEXTURE_2D, photo.texture);
+      photo.texture = plain;
+      if (amount > 0) {
+        const sharp = this.target(gl.RGBA8, width, height, gl.LINEAR, gl.COLOR_ATTACHMENT0, levels);
+        this.bind(UNITS.own, plain);
+        this.pass(sharp, this.sharpen, { amount });
+        gl.deleteFramebuffer(sharp.frame);
+        gl.deleteTexture(plain);
+        photo.texture = sharp.texture;
+        gl.bindTexture(gl.TEXTURE_2D, photo.texture);
+      }
       gl.generateMipmap(gl.TEXTURE_2D);
     }
     if (photo.depth && !photo.code) {
@@ -255,9 +259,10 @@ class Drawer {
     this.far = far;
   }
 
-  // Shows what was drawn. `photo`: one to compare with, on this share of the width.
+  // Shows what was drawn, if anything was. `photo`: one to compare with, on this share of the width.
   present({ depth = false, guessed = false, fade = 0, wipe = 0, photo, ground = [0, 0, 0] }) {
-    const { pictures, shrunk, filled } = this.targets;
+    const none = [{ texture: this.noPhoto }, { texture: this.noPhoto }];
+    const { pictures, shrunk, filled } = this.targets ?? { pictures: none, shrunk: none, filled: none };
     if (photo) this.upload(photo);
     this.bind(UNITS.own, pictures[0].texture);
     this.bind(UNITS.smaller, (shrunk.length > 2 ? shrunk : pictures)[1].texture);

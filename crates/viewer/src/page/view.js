@@ -126,10 +126,12 @@ function present() {
   drawer.present({ ...options, ...(truth?.bitmap ? { photo: truth, wipe: Number(element("wipe").value) } : {}) });
 }
 
-function draw(full) {
+// `photo`: one to show as it is.
+function draw(full, photo) {
   const [w, h] = size();
   const [scale, stride] = full ? LEVELS[0] : LEVELS[level];
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+  if (photo) return drawer.present({ photo, wipe: 2 });
   const small = [w, h].map((side) => Math.max(8, Math.round(scale * side)));
   drawer.draw(resized(camera, ...small), slots, { near: scene.near, far: scene.far, stride, three: full, helpers: full ? helpers() : [] });
   present();
@@ -150,7 +152,8 @@ function tick(now) {
   }
   const elapsed = Math.min(now - last, 100);
   last = now;
-  let jump = false;
+  // Nothing fades before the first picture.
+  let jump = drawn < 2;
   if (flight) {
     const share = clamp((now - flight.begun) / FLIGHT, 0, 1);
     const eased = share * share * (3 - 2 * share);
@@ -175,9 +178,11 @@ function tick(now) {
   const full = !moving && !changing;
   if (!(needed || changing || full)) return;
   begun = performance.now();
-  draw(full);
+  // First the photo at the start: a slow machine takes a second to prepare all other passes.
+  const first = drawn === 0 && slots[0].photo.view === at ? slots[0].photo : undefined;
+  draw(full, first);
   fence = drawer.gl.fenceSync(drawer.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-  [needed, resting] = [false, full];
+  [needed, resting] = [Boolean(first), full && !first];
   wantPhotos();
   if (!full) hideFull();
 }
