@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use liveview::geometry::{CameraError, Size};
 use liveview::image::ImageError;
-use liveview_files::memory::MemoryError;
 
 /// Why a scene was refused. Every message names the file, the field and what was expected.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +37,8 @@ pub enum SceneError {
         /// The cause.
         source: io::Error,
     },
-    /// A field is missing or holds an unexpected value, such as a path that leaves the scene folder.
+    /// A field is missing or holds an unexpected value, such as a path that leaves the scene folder;
+    /// or a photo needs more memory than is available.
     #[error("{}: {what}; expected {expected}", path.display())]
     Malformed {
         /// The file.
@@ -109,16 +109,6 @@ pub enum SceneError {
     /// No view or several views have that name; the message lists the closest names.
     #[error("{0}")]
     UnknownView(String),
-    /// A photo needs more memory than is available. Nothing was decoded.
-    #[error("{}: the image is {size}, which {source}; expected a smaller image", path.display())]
-    PhotoMemory {
-        /// The file.
-        path: PathBuf,
-        /// Declared size in pixels.
-        size: Size,
-        /// The memory needed and available.
-        source: MemoryError,
-    },
     /// A photo cannot be decoded.
     #[error(transparent)]
     Image(#[from] ImageError),

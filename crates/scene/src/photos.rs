@@ -119,12 +119,13 @@ const BYTES_PER_PIXEL: u64 = 32;
 ///
 /// # Errors
 ///
-/// [`SceneError::PhotoMemory`]; [`SceneError::Image`] for a file that cannot be read, is too large, damaged, or
+/// [`SceneError::Malformed`] if it needs more memory than is available; [`SceneError::Image`] for a file that cannot be read, is too large, damaged, or
 /// ends early.
 pub fn load_photo(path: &Path, background: [f32; 3]) -> Result<ImageRgb, SceneError> {
     let size = read_size(path)?;
     let check = memory::check(BYTES_PER_PIXEL * size.pixels() as u64, 0);
-    check.map_err(|source| SceneError::PhotoMemory { path: path.to_owned(), size, source })?;
+    let refused = |error| SceneError::malformed(path, format!("the image is {size}, which {error}"), "a smaller image");
+    check.map_err(refused)?;
     let bytes = bounded::read(path, bounded::MAX_BYTES);
     let bytes = bytes.map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     if !bytes.starts_with(&[0xFF, 0xD8]) {

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use crate::{ModelNotFound, ThreadsError};
-use liveview::geometry::{Size, TooFewViews};
+use liveview::geometry::TooFewViews;
 use liveview::layers::LayersError;
 use liveview::network::{NetworkError, OrtLibraryError};
 use liveview::render::RenderError;
@@ -77,30 +77,15 @@ pub enum SynthesisError {
     /// The model file is not a LiveView model, or does not fit the options.
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// A target needs more memory than is available.
-    #[error(
-        "{target}: a picture of {size} from photos such as {photo} {source}; expected a smaller target, smaller photos or \
-         fewer layers at once"
-    )]
+    /// A target, or the search for a photo's depth, needs more memory than is available.
+    #[error("{what} {source}; expected {expected}")]
     Memory {
-        /// Name of the target.
-        target: String,
-        /// Its size, pixels.
-        size: Size,
-        /// Name and size of its largest photo.
-        photo: String,
+        /// The target or the photo, and its size.
+        what: String,
         /// How much memory.
         source: MemoryError,
-    },
-    /// The search for a photo's depth needs more memory than is available.
-    #[error("{photo}: the search for the depth of {size} {source}; expected smaller photos")]
-    DepthMemory {
-        /// Name of the photo's view.
-        photo: String,
-        /// Its size, pixels.
-        size: Size,
-        /// How much memory.
-        source: MemoryError,
+        /// What needs less.
+        expected: &'static str,
     },
     /// The network failed.
     #[error(transparent)]

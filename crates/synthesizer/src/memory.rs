@@ -39,7 +39,8 @@ pub(super) fn check(
         let photos = shot.views.iter().map(|&view| &scene.views[view]);
         let largest = photos.max_by_key(|view| view.camera.size().pixels());
         let photo = largest.map(|view| format!("{} ({})", view.name, view.camera.size())).unwrap_or_default();
-        SynthesisError::Memory { target: shot.name.clone(), size: shot.target.size(), photo, source }
+        let what = format!("{}: a picture of {} from photos such as {photo}", shot.name, shot.target.size());
+        SynthesisError::Memory { what, source, expected: "a smaller target, smaller photos or fewer layers at once" }
     })
 }
 
@@ -51,7 +52,8 @@ pub(crate) fn check_search(scene: &Scene, searched: &[usize], range: (f64, f64))
     let bytes = photos + search_bytes(&cameras, range);
     memory::check(bytes as u64, rayon::current_num_threads()).map_err(|source| {
         let View { name, camera, .. } = &scene.views[searched[0]];
-        SynthesisError::DepthMemory { photo: name.clone(), size: camera.size(), source }
+        let what = format!("{name}: the search for the depth of {}", camera.size());
+        SynthesisError::Memory { what, source, expected: "smaller photos" }
     })
 }
 

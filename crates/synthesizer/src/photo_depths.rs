@@ -75,7 +75,7 @@ impl ScenePhotos {
     /// # Errors
     ///
     /// [`SynthesisError::Scene`] for a photo that cannot be read; those of
-    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`]; [`SynthesisError::DepthMemory`].
+    /// [`SceneViews::depth_range`]; [`SynthesisError::Cancelled`]; [`SynthesisError::Memory`].
     ///
     /// # Panics
     ///
