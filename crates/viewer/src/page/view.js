@@ -193,10 +193,14 @@ function finished(now) {
   frames.push({ now, took, full: resting });
   frames = frames.slice(-600);
   if (!resting) {
-    // A single slow frame, in which photos were put into textures, changes nothing.
-    [fastFrames, slowFrames] = [took < FAST ? fastFrames + 1 : 0, took > SLOW && drawn > 3 ? slowFrames + 1 : 0];
-    if (slowFrames > 1 && level < LEVELS.length - 1) [level, slowFrames] = [level + 1, 0];
-    else if (fastFrames > 40 && level > 0) [level, fastFrames] = [level - 1, 0];
+    // A single slow frame, in which photos were put into textures, changes nothing; two, or a very slow one, lead to the level at which such a frame
+    // is fast enough.
+    const isSlow = took > SLOW && drawn > 3;
+    [fastFrames, slowFrames] = [took < FAST ? fastFrames + 1 : 0, isSlow ? slowFrames + 1 : 0];
+    if (slowFrames > 1 || (isSlow && took > 4 * SLOW)) {
+      const fits = LEVELS.findIndex(([scale], next) => next > level && scale ** 2 * took < LEVELS[level][0] ** 2 * SLOW);
+      [level, slowFrames] = [fits < 0 ? LEVELS.length - 1 : fits, 0];
+    } else if (fastFrames > 40 && level > 0) [level, fastFrames] = [level - 1, 0];
   }
   canvas.dataset.quality = resting ? "rest" : "moving";
   canvas.dataset.frame = drawn;
