@@ -378,7 +378,7 @@ fn memory(random: &mut Random) -> Outcome {
         [&render[..], &["surface:2"]].concat(),
         [&render[..], &["planes:16"]].concat(),
         vec!["depth", scene, "--threads", "1", "--width", &width, "-o", folder],
-        vec!["inspect", scene, "--width", &width, "--exposure"],
+        vec!["inspect", scene, "--width", &width],
     ];
     let kilobytes = 40_000 + random.below(400_000);
     let command = random.of(&commands);

@@ -62,14 +62,8 @@ pub(crate) struct InspectArgs {
     /// select:K/D, the histogram over D planes and the K selected [default: select:16/64]
     #[arg(long, value_name = "SPEC")]
     pub(super) layers: Option<LayerSpec>,
-    /// Print the exposure gains of these views; slow, since it searches the depth of the photos
-    ///
-    /// The factors by which surface layers multiply each colour channel of each photo; 1 also if
-    /// two photos have too few points in common.
-    #[arg(long)]
-    pub(super) exposure: bool,
     /// Print which planes the target needs instead, by the network
-    #[arg(long, conflicts_with = "exposure")]
+    #[arg(long)]
     pub(super) planes: bool,
     /// With --planes: picture of the histogram, one bar per plane, near to far, selected planes in colour
     #[arg(short, long, value_name = "PNG", requires = "planes")]

@@ -51,11 +51,6 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
     }
     let (section, mut target_json) = target_section(photos, target, views, args.layers.as_ref())?;
     text += &section;
-    if args.exposure && target_json["warning"].is_null() {
-        let (section, gains) = exposure_gains(photos, target, views)?;
-        text += &section;
-        gains.iter().enumerate().for_each(|(view, gains)| target_json["views"][view]["exposure_gains"] = json!(gains));
-    }
     if target_json["warning"].is_null() {
         let (section, shares) = agreement(&args.scene, target, views).unwrap_or_else(|error| {
             let error = escaped(&full_text(&error));
@@ -261,22 +256,6 @@ fn agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, 
         let _ = writeln!(text, "warning    {warning}");
     }
     Ok((text, [confirmed, agreeing]))
-}
-
-/// Exposure gains per channel of the `views` photos nearest to a target, nearest first, and a table
-/// of them. Searches the depth of the photos.
-fn exposure_gains(scene_views: &SceneViews, target: usize, views: usize) -> Result<(String, Vec<[f32; 3]>)> {
-    let View { name, camera, .. } = &scene_views.scene().views[target];
-    let chosen = scene_views.choose(name, camera, &[target], views, &[])?;
-    let (surface, _) = agreement::of_view(scene_views, target, views)?;
-    let gains = surface.map_or_else(Vec::new, |surface| surface.corrections.iter().map(|view| view.gains).collect());
-    let names: Vec<String> = scene_views.names(&chosen).iter().map(|name| escaped(name)).collect();
-    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
-    let mut text = format!("\nexposure   {:width$}   gain: red   green    blue\n", "view");
-    for (name, [red, green, blue]) in names.iter().zip(&gains) {
-        let _ = writeln!(text, "           {name:width$}  {red:9.3} {green:7.3} {blue:7.3}");
-    }
-    Ok((text, gains))
 }
 
 /// Cameras, evenly spread in their order, that are compared with all others.
