@@ -16,9 +16,12 @@ pub const MAX_JSON_BYTES: u64 = 64 << 20;
 ///
 /// Those of the file system; [`io::ErrorKind::FileTooLarge`] for more than `limit` bytes.
 pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
+    let (file, mut bytes) = (File::open(path)?, Vec::new());
+    if file.metadata()?.len() > limit {
+        return Err(too_large(limit));
+    }
     // A device or a pipe does not report its size beforehand.
-    open(path, limit)?.take(limit + 1).read_to_end(&mut bytes)?;
+    file.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit { Err(too_large(limit)) } else { Ok(bytes) }
 }
 
@@ -32,18 +35,7 @@ pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
 
-/// All bytes of a text file, without a byte order mark, which some editors put before the text.
-///
-/// # Errors
-///
-/// Those of [`read`].
-pub fn read_text(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = read(path, limit)?;
-    bytes.drain(..bytes.len() - without_byte_order_mark(&bytes).len());
-    Ok(bytes)
-}
-
-/// A text without the byte order mark at its start.
+/// A text without the byte order mark at its start, which some editors put there.
 pub fn without_byte_order_mark(text: &[u8]) -> &[u8] {
     text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text)
 }
@@ -64,12 +56,6 @@ pub fn check_regular(path: &Path) -> io::Result<()> {
         (_, true) => Err(io::Error::new(io::ErrorKind::IsADirectory, "a folder; expected a file")),
         _ => Err(io::Error::new(io::ErrorKind::InvalidInput, "a pipe or a device; expected a regular file")),
     }
-}
-
-/// Opens a file of at most `limit` bytes.
-fn open(path: &Path, limit: u64) -> io::Result<File> {
-    let file = File::open(path)?;
-    if file.metadata()?.len() > limit { Err(too_large(limit)) } else { Ok(file) }
 }
 
 fn too_large(limit: u64) -> io::Error {

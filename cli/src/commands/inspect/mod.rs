@@ -142,9 +142,6 @@ fn card_json(file: &Path, card: &ModelCard) -> Value {
     })
 }
 
-/// Planes by default.
-const LAYERS: LayerSpec = LayerSpec::PAPER;
-
 /// The planes that a view needs: the paper's histogram, and the planes that are selected by it.
 fn planes(args: &InspectArgs) -> Result<Output> {
     if args.model.without_network() {
@@ -163,7 +160,7 @@ fn planes(args: &InspectArgs) -> Result<Output> {
         output_plan.file("-o", file)?;
         output_plan.prepare()?;
     }
-    let layers = args.layers.as_ref().unwrap_or(&LAYERS);
+    let layers = args.layers.as_ref().unwrap_or(&LayerSpec::PAPER);
     let LayerSpec::Select { keep, from } = *layers else { bail!("--layers {layers}: expected select:K/D") };
     let job = Job::with_layers(views, &args.model, Some(layers))?;
     let (mut output, picture) = histogram(job, target, keep, from)?;

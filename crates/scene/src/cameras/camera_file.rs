@@ -154,9 +154,10 @@ pub struct CameraFileError {
 /// The JSON of a file.
 pub(crate) fn read_json(path: &Path) -> Result<Value, CameraFileError> {
     let failed = |reason| CameraFileError { path: path.to_owned(), index: None, reason };
-    let bytes = bounded::read_text(path, bounded::MAX_JSON_BYTES);
+    let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
     let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
-    serde_json::from_slice(&bytes).map_err(|error| failed(format!("not JSON: {error}")))
+    serde_json::from_slice(bounded::without_byte_order_mark(&bytes))
+        .map_err(|error| failed(format!("not JSON: {error}")))
 }
 
 /// As [`split_json_matrix`], with an error for `key`.
