@@ -76,7 +76,6 @@ fn full_disk_is_an_error_that_leaves_no_file() {
         ("render", vec!["--heldout", "5", "--depth", &depth], "depth.png"),
         ("render", vec!["--heldout", "5", "--compare", &picture], "a.png"),
         ("render", vec!["--target", "2", "-o", &jpeg, "--explain", &picture], "a.png"),
-        ("inspect", vec!["--planes", "--target", "2", "-o", &picture], "a.png"),
         ("sweep", vec!["--target", "2", "--layers", "guided:1", "-o", &report], "sweep.json"),
     ] {
         let mut command = limited(&folders, 1, true, command, &arguments);

@@ -1,4 +1,4 @@
-//! Visualisation: colour maps, difference pictures, pictures side by side, and a bar chart.
+//! Visualisation: colour maps, difference pictures, and pictures side by side.
 
 use ndarray::ArrayView2;
 
@@ -58,32 +58,6 @@ pub fn side_by_side(pictures: &[&ImageRgb]) -> ImageRgb {
     ImageRgb::new(width, height, data).expect("three values per pixel")
 }
 
-/// A histogram with one bar per bin: `chosen` bins in colour, the others in grey, and grid lines at
-/// each quarter of the height. The fullest bin spans the height; a bin that is not empty shows at
-/// least one pixel.
-pub fn bar_chart(bins: &[u64], chosen: &[usize]) -> ImageRgb {
-    // In pixels.
-    const BAR: usize = 10;
-    const SPACE: usize = 2;
-    const HEIGHT: usize = 240;
-    const MARGIN: usize = 12;
-    let fullest = bins.iter().copied().max().unwrap_or(0).max(1);
-    let bar_height = |votes: u64| (votes as f64 / fullest as f64 * HEIGHT as f64).ceil() as usize;
-    from_pixels(bins.len() * (BAR + SPACE) + 2 * MARGIN, HEIGHT + 2 * MARGIN, |x, y| {
-        let above_base = (HEIGHT + MARGIN).checked_sub(y + 1).filter(|&up| up < HEIGHT);
-        let along = x.checked_sub(MARGIN).filter(|along| along / (BAR + SPACE) < bins.len());
-        let (Some(up), Some(along)) = (above_base, along) else { return [1.0; 3] };
-        let bin = along / (BAR + SPACE);
-        let inside = along % (BAR + SPACE) < BAR && up < bar_height(bins[bin]);
-        match (inside, chosen.contains(&bin)) {
-            (true, true) => COLOURS[3],
-            (true, false) => [0.62; 3],
-            (false, _) if up % (HEIGHT / 4) == 0 => [0.9; 3],
-            (false, _) => [1.0; 3],
-        }
-    })
-}
-
 fn from_pixels(width: usize, height: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> ImageRgb {
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let data = pixels.flat_map(|(x, y)| colour(x, y)).collect();
@@ -112,16 +86,5 @@ mod tests {
         assert_eq!((both.pixel(1, 0), both.pixel(2 + GAP, 1)), ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]));
         assert_eq!((both.pixel(1, 1), both.pixel(3, 0)), ([1.0; 3], [1.0; 3]));
         assert_eq!(difference(&red, &blue, 4.0).pixel(0, 0), [1.0, 0.0, 1.0]);
-    }
-
-    #[test]
-    fn bar_chart_scales_bars_to_the_fullest_bin() {
-        let chart = bar_chart(&[0, 1, 1000], &[2]);
-        let heights: Vec<usize> = (0..3)
-            .map(|bin| {
-                (0..chart.height()).filter(|&y| chart.pixel(12 + 12 * bin + 5, y).iter().sum::<f32>() < 2.5).count()
-            })
-            .collect();
-        assert_eq!(heights, [0, 1, 240]);
     }
 }

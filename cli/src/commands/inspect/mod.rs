@@ -7,19 +7,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::Args;
-use liveview::ImageRgb;
 use liveview::geometry::middle_camera;
 use liveview::layers::uniform_disparities;
 use liveview::network::{ExecutionProvider, ModelCard, OrtLibrary, OrtNetwork};
-use liveview_scene::save_picture;
-use liveview_synthesizer::colormap::bar_chart;
 use liveview_synthesizer::{LayerSpec, Shot, SynthesisError, Targets, recommended_layers, select_planes};
 use serde_json::{Value, json};
 
-use crate::args::{ModelArgs, SceneArgs, expect_png, has_extension};
+use crate::args::{ModelArgs, SceneArgs, has_extension};
 use crate::console::{Output, escaped, path_text, print_notes};
 use crate::job::Job;
-use crate::outputs::OutputPlan;
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     let path = args.scene.folder();
@@ -43,7 +39,7 @@ Examples:
   liveview inspect scene
   liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
   The histogram over 64 planes, and the 16 that are selected:
-    liveview inspect scene --target IMG_7.jpg --planes -o planes.png
+    liveview inspect scene --target IMG_7.jpg --planes
   A model's card, or those of all models in a folder:
     liveview inspect models/liveview_v4.onnx
     liveview inspect models";
@@ -65,9 +61,6 @@ pub(crate) struct InspectArgs {
     /// Print which planes the target needs instead, by the network
     #[arg(long)]
     pub(super) planes: bool,
-    /// With --planes: picture of the histogram, one bar per plane, near to far, selected planes in colour
-    #[arg(short, long, value_name = "PNG", requires = "planes")]
-    pub(super) output: Option<PathBuf>,
     #[command(flatten)]
     pub(super) model: ModelArgs,
     #[command(flatten)]
@@ -154,26 +147,14 @@ fn planes(args: &InspectArgs) -> Result<Output> {
         None => middle_camera(&views.all_cameras()),
     };
     let target = Targets::held_out(views.scene(), vec![target]);
-    if let Some(file) = &args.output {
-        expect_png("-o", file)?;
-        let mut output_plan = OutputPlan::new(views.scene());
-        output_plan.file("-o", file)?;
-        output_plan.prepare()?;
-    }
     let layers = args.layers.as_ref().unwrap_or(&LayerSpec::PAPER);
     let LayerSpec::Select { keep, from } = *layers else { bail!("--layers {layers}: expected select:K/D") };
     let job = Job::with_layers(views, &args.model, Some(layers))?;
-    let (mut output, picture) = histogram(job, target, keep, from)?;
-    if let Some(file) = &args.output {
-        save_picture(&picture, file)?;
-        let _ = writeln!(output.text, "wrote    {}", file.display());
-        output.json["file"] = json!(path_text(file));
-    }
-    Ok(output)
+    histogram(job, target, keep, from)
 }
 
 /// The paper's histogram over planes.
-fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<(Output, ImageRgb)> {
+fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<Output> {
     let shot = job.synthesizer.shots(target)?.remove(0);
     let loaded = job.synthesizer.load(&shot, &[])?;
     let disparities = uniform_disparities(shot.near, shot.far, from)?;
@@ -202,5 +183,5 @@ fn histogram(mut job: Job, target: Targets, keep: usize, from: usize) -> Result<
         "scene": path_text(&scene.root), "target": name, "views": views, "near": near, "far": far, "notes": scene.notes,
         "disparities": disparities, "histogram": histogram, "chosen": chosen,
     });
-    Ok((Output { text, json }, bar_chart(&histogram, &chosen)))
+    Ok(Output { text, json })
 }
