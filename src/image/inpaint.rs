@@ -54,6 +54,9 @@ impl Level {
 pub fn inpaint_uncovered(picture: &ImageRgb, transmittance: &Array2<f32>) -> ImageRgb {
     let (width, height) = (picture.width(), picture.height());
     assert_eq!(transmittance.dim(), (height, width), "one transmittance per pixel");
+    if transmittance.iter().all(|&t| t == 0.0) {
+        return picture.clone();
+    }
     let base = picture.data().chunks_exact(3).zip(transmittance).map(|(rgb, t)| [rgb[0], rgb[1], rgb[2], 1.0 - t]);
     let base = Level { width, height, pixels: base.collect() };
     let halved = |level: &Level| (level.width * level.height > 1).then(|| level.halved());
@@ -66,8 +69,8 @@ pub fn inpaint_uncovered(picture: &ImageRgb, transmittance: &Array2<f32>) -> Ima
         }
         level
     });
-    let rgb = filled.expect("at least one level").pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-    ImageRgb::new(width, height, rgb).expect("three values per pixel")
+    let rgb: Vec<[f32; 3]> = filled.expect("at least one level").pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+    ImageRgb::new(width, height, rgb.into_flattened()).expect("three values per pixel")
 }
 
 #[cfg(test)]

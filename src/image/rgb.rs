@@ -96,7 +96,8 @@ impl ImageRgb {
 
     /// 8-bit interleaved RGB, rounded; values outside [0, 1] are clamped.
     pub fn to_rgb8(&self) -> Vec<u8> {
-        self.data.iter().map(|value| (value.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+        // In f64 the sum is exact; `round` calls a function for each value.
+        self.data.iter().map(|value| (f64::from(value.clamp(0.0, 1.0) * 255.0) + 0.5) as u8).collect()
     }
 
     /// The picture of an array `[h, w, 3]` of sRGB values in [0, 1].

@@ -156,7 +156,7 @@ impl Renderer {
             return Err(NetworkError::NotFinite { network, count, of: logits }.into());
         }
         let started = Instant::now();
-        let rows: Vec<_> = rows.into_iter().map(R::finish).collect();
+        let rows: Vec<_> = rows.into_par_iter().map(R::finish).collect();
         let frame = Frame::new(&rows, target);
         let occluded_pixels = count_occluded(&visible, size.width, &frame.transmittance);
         times.composite += started.elapsed();

@@ -90,17 +90,14 @@ impl Texture {
         let (stride, shrunk_stride) = (self.stride() as usize, shrunk.stride() as usize);
         let rows = shrunk.texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
         rows.enumerate().for_each(|(y, row)| {
-            for (x, texel) in row[BORDER.0..BORDER.0 + width].iter_mut().enumerate() {
-                let (last_y, last_x) = ((y * cell + cell).min(self.height), (x * cell + cell).min(self.width));
-                let mut sum = [0.0; 4];
-                for yy in y * cell..last_y {
-                    let at = (yy + BORDER.0) * stride + BORDER.0;
-                    for pixel in &self.texels[at + x * cell..at + last_x] {
-                        (0..4).for_each(|c| sum[c] += pixel[c]);
-                    }
+            let texels = &mut row[BORDER.0..BORDER.0 + width];
+            for y in y * cell..(y * cell + cell).min(self.height) {
+                let pixels = &self.texels[(y + BORDER.0) * stride + BORDER.0..][..self.width];
+                for (sum, pixels) in texels.iter_mut().zip(pixels.chunks(cell)) {
+                    pixels.iter().for_each(|pixel| (0..4).for_each(|c| sum[c] += pixel[c]));
                 }
-                *texel = sum.map(|s| s / sum[3]);
             }
+            texels.iter_mut().for_each(|sum| *sum = sum.map(|s| s / sum[3]));
         });
         shrunk
     }

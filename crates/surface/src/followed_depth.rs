@@ -1,9 +1,10 @@
 //! The depth of a camera's photo that follows the photo from time step to time step: where the photo has
 //! changed, a search from coarse to fine among its neighbours; elsewhere nothing.
 //!
-//! - A cell of 2×2 pixels has changed if the mean of a channel differs by more than 0.03 from when it was
+//! - A cell of 2×2 pixels has changed if the mean of a channel differs by more than 0.1 from when it was
 //!   searched: noise averages out, and slow changes accumulate. Of a tile of 2×2 cells and those around it
-//!   all are searched: some cells of what appears have the colour of what they hide.
+//!   all are searched: some cells of what appears have the colour of what they hide. While anything changes,
+//!   so is a twentieth of the rows, in turn: no error stays.
 //! - At a quarter of the size: all planes, 2 px of parallax apart, a multiple of 16 of them. At half the
 //!   size: planes half as far apart, in the segments around what the quarter's 3×3 cells found
 //!   ([`segment_starts`]). The costs and the aggregation of [`mod@crate::photo_depth`]; paths enter from
@@ -27,9 +28,13 @@ use liveview::geometry::{Camera, PlaneSweep, Size};
 use liveview::warp::{Texture, WarpSource};
 
 /// A cell has changed if the mean of a channel differs by more than this, of values in [0, 1].
-const MIN_CHANGE: f32 = 0.03;
+const MIN_CHANGE: f32 = 0.1;
 /// Cells per side of a tile.
 const TILE: usize = 2;
+/// Updates after which each row was searched.
+const TURNS: usize = 20;
+/// A photo of which more than this share of the tiles has changed shows something else: a cut.
+const CUT_SHARE: f64 = 0.5;
 /// Distance between the planes at a quarter of the size, px.
 const PLANE_SPACING: f64 = 2.0;
 /// Number of these planes at most.
@@ -66,6 +71,7 @@ pub struct FollowedDepth {
     candidates: Vec<PerOwn>,
     disparity: Array2<f32>,
     disparity_per_pixel: f32,
+    updates: usize,
     /// Costs and their sums: memory that is used again.
     buffers: [Vec<u16>; 2],
 }
@@ -77,8 +83,15 @@ impl FollowedDepth {
     }
 
     /// Updates it for the photo of a time step and its neighbours (at least one), from near to far (scene
-    /// units); returns the share of the photo that was searched, 0 to 1.
-    pub fn update(&mut self, photo: &StepPhoto<'_>, neighbours: &[StepPhoto<'_>], (near, far): (f64, f64)) -> f64 {
+    /// units); returns the share of the photo that was searched, 0 to 1. One that `waits` is updated after a
+    /// cut alone.
+    pub fn update(
+        &mut self,
+        photo: &StepPhoto<'_>,
+        neighbours: &[StepPhoto<'_>],
+        (near, far): (f64, f64),
+        waits: bool,
+    ) -> f64 {
         let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
         let (size, [half, quarter]) = (photo.camera.size(), photo.smaller);
         if self.grid.is_none() {
@@ -93,7 +106,7 @@ impl FollowedDepth {
             (self.full, self.half, self.quarter) = (cells(photo.texture), cells(half), cells(quarter));
         }
         let grid = self.grid.expect("set above");
-        let mask = self.changed(half);
+        let mask = self.changed(half, waits);
         let searched = mask.iter().filter(|&&searched| searched).count();
         if searched == 0 {
             return 0.0;
@@ -130,8 +143,8 @@ impl FollowedDepth {
     }
 
     /// The cells of a photo of half the size that differ from when they were searched, in whole tiles, and those
-    /// of the tiles around; all if none was searched.
-    fn changed(&mut self, photo: &Texture) -> Vec<bool> {
+    /// of the tiles around, and the rows whose turn it is; all if none was searched.
+    fn changed(&mut self, photo: &Texture, waits: bool) -> Vec<bool> {
         let (width, height) = (photo.width(), photo.height());
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         self.colours.resize(width * height, [f32::INFINITY; 3]);
@@ -145,13 +158,19 @@ impl FollowedDepth {
             (0..3).any(|c| (then[c] - now[c]).abs() > MIN_CHANGE)
         };
         let dirty: Vec<bool> = (0..columns * rows).map(|tile| cells(tile).any(differs)).collect();
-        let is_near = |tile: &usize| {
+        let number = dirty.iter().filter(|&&dirty| dirty).count();
+        let mut mask = vec![false; width * height];
+        if number == 0 || waits && number as f64 <= CUT_SHARE * dirty.len() as f64 {
+            return mask;
+        }
+        let turn = [self.updates % TURNS, self.updates % TURNS + 1].map(|turn| turn * rows / TURNS);
+        self.updates += 1;
+        let is_searched = |tile: &usize| {
             let (x, y) = (tile % columns, tile / columns);
             let row = |y: usize| &dirty[y * columns..][x.saturating_sub(1)..(x + 2).min(columns)];
-            (y.saturating_sub(1)..(y + 2).min(rows)).any(|y| row(y).contains(&true))
+            (turn[0]..turn[1]).contains(&y) || (y.saturating_sub(1)..(y + 2).min(rows)).any(|y| row(y).contains(&true))
         };
-        let mut mask = vec![false; width * height];
-        for (x, y) in (0..columns * rows).filter(is_near).flat_map(cells) {
+        for (x, y) in (0..columns * rows).filter(is_searched).flat_map(cells) {
             (mask[y * width + x], self.colours[y * width + x]) = (true, photo.pixel(x, y));
         }
         mask
@@ -252,12 +271,16 @@ mod tests {
     }
 
     fn update(depth: &mut FollowedDepth, board: bool) -> f64 {
+        update_or_wait(depth, board, false)
+    }
+
+    fn update_or_wait(depth: &mut FollowedDepth, board: bool, waits: bool) -> f64 {
         let photos = photos(board);
         let smaller: Vec<[Texture; 2]> =
             photos.iter().map(|(_, photo)| [photo.shrunk(2), photo.shrunk(2).shrunk(2)]).collect();
         let all = photos.iter().zip(&smaller);
         let all: Vec<_> = all.map(|((camera, texture), smaller)| StepPhoto { camera, texture, smaller }).collect();
-        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL))
+        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL), waits)
     }
 
     /// Share of the pixels, but those near the photo's sides, whose depth is right to half a pixel.
@@ -280,9 +303,34 @@ mod tests {
         assert_eq!(update(&mut depth, false), 0.0);
         assert!(right(&depth, true) < 0.8, "the board is not there yet");
         let share = update(&mut depth, true);
-        assert!(share > 0.1 && share < 0.25, "{share}");
+        // One of the 16 rows of tiles has its turn.
+        assert!(share > 0.1 && share < 0.25 + 1.0 / 16.0, "{share}");
         assert!(right(&depth, true) > 0.96, "{}", right(&depth, true));
         let same = before.indexed_iter().filter(|((y, x), d)| depth.disparity[(*y, *x)] == **d).count();
-        assert!(same as f64 > 0.75 * before.len() as f64, "depth of the wall stays: {same}");
+        assert!(same as f64 > (0.75 - 1.0 / 16.0) * before.len() as f64, "depth of the wall stays: {same}");
+    }
+
+    #[test]
+    fn depth_that_waits_is_updated_after_a_cut_alone() {
+        let mut depth = FollowedDepth::default();
+        assert_eq!(update_or_wait(&mut depth, false, true), 1.0, "the first photo");
+        assert_eq!(update_or_wait(&mut depth, true, true), 0.0);
+        assert!(update_or_wait(&mut depth, true, false) > 0.1, "the change is not forgotten");
+        depth.colours.iter_mut().for_each(|colour| *colour = colour.map(|value| 1.0 - value));
+        assert!(update_or_wait(&mut depth, true, true) > CUT_SHARE);
+    }
+
+    #[test]
+    fn an_error_is_gone_once_each_row_had_its_turn() {
+        let mut depth = FollowedDepth::default();
+        update(&mut depth, false);
+        depth.disparity.fill(0.0);
+        assert!(right(&depth, false) < 0.1);
+        for step in 0..TURNS {
+            // Something changes in each step: without, nothing is searched.
+            depth.colours[step] = [f32::INFINITY; 3];
+            update(&mut depth, false);
+        }
+        assert!(right(&depth, false) > 0.98, "{}", right(&depth, false));
     }
 }

@@ -187,7 +187,8 @@ impl Search<'_> {
         }
         let Candidates::Segments { starts, columns, cells_per_side } = self.candidates else {
             let first = (segment * SEGMENT) as f32;
-            (tile.index, tile.index_range) = ([[first; RUN]; TILE_ROWS], [first; 2]);
+            tile.index[..=tile.rows].fill([first; RUN]);
+            tile.index_range = [first; 2];
             return true;
         };
         let (mut any, mut range) = (false, [u16::MAX, 0]);

@@ -255,7 +255,8 @@ fn y4m_frame(picture: &ImageRgb, out: &mut Vec<u8>) {
     for [offset, red, green, blue] in YCBCR_FROM_RGB {
         let value = |rgb: &[f32]| {
             let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|value| value.clamp(0.0, 1.0));
-            (offset + red * r + green * g + blue * b).round() as u8
+            // Above 16 the sum is exact enough to round like `round`.
+            (offset + red * r + green * g + blue * b + 0.5) as u8
         };
         out.extend(picture.data().chunks_exact(3).map(value));
     }

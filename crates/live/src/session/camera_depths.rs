@@ -19,18 +19,21 @@ use rayon::prelude::*;
 
 /// Where more than this share of the photos is searched, they show something else: a cut.
 const NEW_SHARE: f64 = 0.75;
+/// The depth of the nearest photos follows in each step, that of the others in every second.
+const NEAREST: usize = 2;
 
 /// Depth maps of the cameras of a rig.
 #[derive(Debug)]
 pub(super) struct CameraDepths {
     maps: DepthMaps,
     followed: Vec<FollowedDepth>,
+    steps: usize,
 }
 
 impl CameraDepths {
     pub(super) fn new(cameras: &[Camera], near: f64, far: f64) -> Self {
         let maps = DepthMaps::new(cameras.to_vec(), near, far);
-        Self { maps, followed: cameras.iter().map(|_| FollowedDepth::default()).collect() }
+        Self { maps, followed: cameras.iter().map(|_| FollowedDepth::default()).collect(), steps: 0 }
     }
 
     /// The photos of a time step near the target, with their depth: searched where there is none yet, and
@@ -61,13 +64,16 @@ impl CameraDepths {
             needed.into_par_iter().for_each(|camera| {
                 step.smaller(camera);
             });
+            self.steps += 1;
+            let parity = self.steps % 2;
+            let waits = |camera| set[..].iter().skip(NEAREST).skip(parity).step_by(2).any(|&other| other == camera);
             let cameras = self.followed.par_iter_mut().enumerate().filter(|(camera, _)| wanted.contains(camera));
             let update = |(camera, followed): (usize, &mut FollowedDepth)| {
                 let neighbours: Vec<_> = neighbours(step, camera).map(|other| step.photo(other)).collect();
                 if neighbours.is_empty() {
                     return (1.0, camera, Some(PhotoDisparity::unknown(step.cameras[camera].size())));
                 }
-                let searched = followed.update(&step.photo(camera), &neighbours, range);
+                let searched = followed.update(&step.photo(camera), &neighbours, range, waits(camera));
                 (searched, camera, (searched > 0.0).then(|| followed.depth()))
             };
             let updated: Vec<_> = cameras.map(update).collect();
