@@ -25,7 +25,7 @@ fn json(command: &mut Command) -> Value {
 fn each_configuration_has_an_error_and_a_time() {
     let folders = Folders::new();
     let report = json(&mut sweep(&folders, &["--layers", "guided:1,guided:2,select:2,planes:4,planes:64"]));
-    assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md"]);
+    assert_eq!(folders.written(), ["report/sweep.json", "report/sweep.md", "report/sweep.svg"]);
     let rows = report["rows"].as_array().unwrap();
     let named: Vec<&str> = rows.iter().map(|row| row["layers"].as_str().unwrap()).collect();
     assert_eq!(named, ["guided:1", "guided:2", "select:2/64", "planes:4", "planes:64"]);
@@ -68,6 +68,7 @@ fn surface_layers_are_also_measured_without_a_network() {
     assert!(rows[2..4].iter().all(|row| row["psnr"].as_f64().unwrap() > 30.0), "{report}");
     let table = fs::read_to_string(folders.out("report/sweep.md")).unwrap();
     assert!(table.contains("| surface:1 | no network |"), "{table}");
+    assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains(">surface, no network<"));
     assert_eq!(report["model"], "tiny_v4.onnx", "of the network beside it");
 
     let mut alone = folders.liveview("sweep", &["--target", "2", "--repetitions", "1", "--network", "none"]);
@@ -82,6 +83,7 @@ fn widths_scale_the_photos() {
     let widths: Vec<u64> =
         report["rows"].as_array().unwrap().iter().map(|row| row["width"].as_u64().unwrap()).collect();
     assert_eq!(widths, [32, 64]);
+    assert!(fs::read_to_string(folders.out("report/sweep.svg")).unwrap().contains("megapixels"));
 }
 
 #[test]

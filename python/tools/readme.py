@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from .marked_text import block, fill
-from .sweep_tables import MODELS, excerpt, gain_on_planes, int8_gain, machine, measured, network_gain, plot, ways
+from .sweep_tables import excerpt, gain_on_planes, int8_gain, machine, measured, network_gain, ways
 
 ROOT = Path(__file__).resolve().parents[2]
 BINARY = ROOT / "target" / "release" / "liveview"
@@ -27,7 +27,6 @@ def figures() -> None:
     report = measured()
     fill(ROOT / "README.md", {"ways": f"\n{ways(report)}\n\n{machine(report)}", "gain": gain_on_planes()})
     fill(DOCS / "benchmarks.md", {"numbers": block(excerpt(report)), "network": block(network_gain())})
-    (MODELS / "report" / "v4" / "sweep.svg").write_text(plot(report))
     fill(DOCS / "onnx-runtime.md", {"int8": int8_gain(report)})
 
 

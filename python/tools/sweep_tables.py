@@ -3,8 +3,6 @@
 import json
 from pathlib import Path
 
-from liveview_ref.evaluation.chart import Panel, chart
-
 MODELS = Path(__file__).resolve().parents[2] / "models"
 CPU = "cpu, f32"
 NO_NETWORK = "no network"
@@ -16,17 +14,6 @@ CPU_ONLY = "guided:4", "guided:8", "select:16/64", "planes:16", "planes:64"
 def measured(views: int = 4) -> dict:
     """The report of `liveview sweep` on the example scene."""
     return json.loads((MODELS / "report" / f"v{views}" / "sweep.json").read_text())
-
-
-def plot(report: dict) -> str:
-    """SVG: error and SSIM of each kind of layers and engine against time."""
-    error, ssim = {}, {}
-    for row in (row for row in report["rows"] if not row.get("reference")):
-        name, time = f"{row['layers'].split(':')[0]}, {row['engine']}", 1e3 * row["seconds"]["median"]
-        error.setdefault(name, []).append((time, 255 * 10 ** (-row["psnr"] / 20)))
-        ssim.setdefault(name, []).append((time, row["ssim"]))
-    panels = {"error against the photo (RMS, of 255)": error, "SSIM": ssim}
-    return chart([Panel(up, "milliseconds per picture", curves, octaves=True) for up, curves in panels.items()])
 
 
 def find(report: dict, layers: str, engine: str) -> dict:

@@ -18,7 +18,7 @@ Points = list[tuple[float, float]]
 
 class Panel(NamedTuple):
     """Titles of the vertical and horizontal axes, and the curves; `octaves` makes the horizontal
-    axis logarithmic and labels powers of two."""
+    axis logarithmic and labels each x."""
 
     up: str
     across: str
@@ -53,8 +53,7 @@ def draw(panel: Panel, left: int, colours: dict[str, str]) -> list[str]:
     for tick in ticks(low, high):
         out.append(f'<path d="M{start} {y(tick)}H{end}" stroke="#ddd"/>')
         out.append(f'<text x="{start - 6}" y="{y(tick) + 4}" text-anchor="end">{tick:.4g}</text>')
-    octaves = [2.0**power for power in range(math.ceil(first), math.floor(last) + 1)]
-    for tick in octaves if panel.octaves else ticks(first, last + 1e-9):
+    for tick in sorted({x for x, _ in points}) if panel.octaves else ticks(first, last + 1e-9):
         out.append(f'<text x="{x(tick)}" y="{bottom + 16}" text-anchor="middle">{tick:g}</text>')
     out.append(f'<text x="{(start + end) / 2}" y="{bottom + 34}" text-anchor="middle">{panel.across}</text>')
     out.append(f'<path d="M{start} {TOP}V{bottom}H{end}" fill="none" stroke="#333"/>')

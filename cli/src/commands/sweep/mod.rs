@@ -1,6 +1,7 @@
 //! `liveview sweep`: error against run time, for kinds and numbers of layers. Each configuration runs in a worker process; their
 //! repetitions are interleaved.
 
+mod plot;
 mod report;
 mod worker;
 
@@ -33,7 +34,7 @@ const LAYERS: &str = "surface:1,surface:2,guided:1,guided:2,guided:3,guided:4,gu
                       select:32,planes:8,planes:16,planes:32,planes:64";
 
 /// The files written.
-const FILES: [&str; 2] = ["sweep.json", "sweep.md"];
+const FILES: [&str; 3] = ["sweep.json", "sweep.md", "sweep.svg"];
 
 /// Options of `liveview sweep`.
 #[derive(Debug, Args)]
@@ -57,7 +58,7 @@ pub(crate) struct SweepArgs {
     repetitions: usize,
     #[command(flatten)]
     model: ModelArgs,
-    /// Folder for sweep.json and sweep.md
+    /// Folder for sweep.json, sweep.md and sweep.svg
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
     /// Run one configuration, controlled by lines of JSON: its number, and that of views without a network
@@ -99,10 +100,10 @@ pub(crate) fn run(args: &SweepArgs) -> Result<Output> {
         );
     }
     if sweep.rows.iter().all(|row| row.score.is_none()) {
-        print_message("warning", "no picture has a score, because they are too small");
+        print_message("warning", "the plot is empty: no picture has a score, because they are too small");
     }
     let (text, json) = (sweep.markdown(), sweep.json());
-    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone()]) {
+    for (name, contents) in FILES.into_iter().zip([format!("{json:#}\n"), text.clone(), sweep.plot()]) {
         write_atomically(&args.output.join(name), contents.as_bytes())?;
     }
     Ok(Output { text, json })
