@@ -1,7 +1,6 @@
 //! Photos `[3, h, w]` as arguments; warp, choice of views, corrected photos, agreement of views, scores.
 
 use liveview::geometry::{PlaneSweep, Size};
-use liveview::glam::{DMat3, DVec3};
 use liveview::network::PlaneNetwork;
 use liveview::warp::{SourceView, Texture, WarpSource, warp_layers};
 use liveview::{ImageRgb, geometry};
@@ -39,7 +38,7 @@ pub(crate) fn warp_maps<'py>(
     let (shape, disparity) = (maps.as_array().dim(), maps.as_slice()?);
     let (layers, height, width) = shape;
     let (colour, coverage) = compute(py, || {
-        let (texture, sweep) = (Texture::new(&picture), scaled(PlaneSweep::new(&source, &target), scale));
+        let (texture, sweep) = (Texture::new(&picture), PlaneSweep::new(&source, &target).shrunk(scale));
         let mut colour = Array4::zeros((layers, 3, height, width));
         let mut coverage = Array3::zeros(shape);
         let to = (colour.as_slice_mut().expect("new"), coverage.as_slice_mut().expect("new"));
@@ -47,16 +46,6 @@ pub(crate) fn warp_maps<'py>(
         Ok((colour, coverage))
     })?;
     Ok((colour.into_pyarray(py), coverage.into_pyarray(py)))
-}
-
-/// The sweep between images whose pixels are `scale` pixels wide.
-fn scaled(sweep: PlaneSweep, scale: f64) -> PlaneSweep {
-    let down = DVec3::new(1.0 / scale, 1.0 / scale, 1.0);
-    let up = DMat3::from_diagonal(DVec3::new(scale, scale, 1.0));
-    PlaneSweep {
-        homography_at_infinity: DMat3::from_diagonal(down) * sweep.homography_at_infinity * up,
-        epipole: down * sweep.epipole,
-    }
 }
 
 /// The photo [3, h, w] plus `amount` times its detail, in [0, 1].
