@@ -176,13 +176,6 @@ pub fn visible(
     map(consistency::visible(view, target, flat(disparity), disparity.ncols(), margin), disparity.ncols())
 }
 
-/// A photo with `amount` of its detail added, `[h, w, 3]`.
-pub fn sharpened(photo: &Texture, amount: f32) -> Array3<f32> {
-    let mut found = Texture::default();
-    photo.sharpen(amount, &mut found);
-    Array3::from_shape_fn((photo.height(), photo.width(), 3), |(y, x, c)| found.pixel(x, y)[c])
-}
-
 /// Variance `[h, w]` of the photos' colours on a surface; `visible` is 1, 0 or −1 per view and
 /// pixel.
 pub fn photo_variance(sources: &[WarpSource<'_>], visible: &[Vec<f32>], surface: &Array2<f32>) -> Array2<f32> {

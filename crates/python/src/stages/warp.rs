@@ -4,7 +4,6 @@ use liveview::geometry::{PlaneSweep, Size};
 use liveview::network::PlaneNetwork;
 use liveview::warp::{SourceView, Texture, WarpSource, warp_layers};
 use liveview::{ImageRgb, geometry};
-use liveview_surface::stages;
 use liveview_synthesizer::ViewAgreement;
 use ndarray::{Array3, Array4, ArrayView3, Axis, Ix3, Ix4, Ix5};
 use numpy::{IntoPyArray, PyArray1, PyArray4, PyReadonlyArray, PyUntypedArrayMethods};
@@ -54,8 +53,9 @@ pub(crate) fn sharpened<'py>(py: Python<'py>, image: &Object<'py>, amount: f32) 
     let picture = self::image("image", image)?;
     expect("amount", amount, amount.is_finite(), "a finite number")?;
     let found = compute(py, || {
-        let found = stages::sharpened(&Texture::new(&picture), amount);
-        Ok(found.permuted_axes([2, 0, 1]).as_standard_layout().into_owned())
+        let mut found = Texture::default();
+        Texture::new(&picture).sharpen(amount, &mut found);
+        Ok(Array3::from_shape_fn((3, found.height(), found.width()), |(c, y, x)| found.pixel(x, y)[c]))
     })?;
     Ok(found.into_pyarray(py))
 }
