@@ -24,7 +24,7 @@ pub const EXTRA_PHOTOS: usize = 2;
 const KEPT_VOTES: usize = 64 << 20;
 
 /// Depth maps of the photos of a scene.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct DepthMaps {
     cameras: Vec<Camera>,
     /// Indices of photos that take no part.
@@ -57,19 +57,7 @@ impl DepthMaps {
     /// units; far may be infinite).
     pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
         let maps = vec![None; cameras.len()];
-        Self {
-            cameras,
-            held_out: Vec::new(),
-            range: (near, far),
-            maps,
-            votes: KeptVotes::default(),
-            confirmed: None,
-            confirmed_share: 0.0,
-            statistics: PairStatistics::default(),
-            follows: false,
-            steps: 0,
-            correction: None,
-        }
+        Self { cameras, range: (near, far), maps, ..Self::default() }
     }
 
     /// Nearest and farthest depth searched, scene units.
