@@ -197,16 +197,10 @@ fn views<'a>(photos: &[&'a SmallPhoto], texture: fn(&SmallPhoto) -> &Texture) ->
 
 /// Maps of a scene's photos for one depth range, and the small photos; by the photo's index in the
 /// scene and the pixels per side of the detail at whose size it was searched.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SmallMaps {
     maps: Recent<PhotoDisparity>,
     photos: Recent<SmallPhoto>,
-}
-
-impl Default for SmallMaps {
-    fn default() -> Self {
-        Self { maps: Recent::new(KEPT_MAPS), photos: Recent::new(KEPT_PHOTOS) }
-    }
 }
 
 impl SmallMaps {
@@ -219,17 +213,17 @@ impl SmallMaps {
         range: (f64, f64),
         load: impl Fn(usize) -> Result<SmallPhoto, E> + Sync,
     ) -> Result<Vec<PhotoDisparity>, E> {
-        let known: Vec<_> = searched.iter().map(|photos| self.maps.get((photos[0], detail))).collect();
+        let known: Vec<_> = searched.iter().map(|photos| recall(&self.maps, (photos[0], detail))).collect();
         let missing: Vec<_> = searched.iter().zip(&known).filter(|(_, known)| known.is_none()).collect();
         let needed: BTreeSet<usize> = missing.iter().flat_map(|(photos, _)| photos.iter().copied()).collect();
-        let photo = |photo: usize| match self.photos.get((photo, detail)) {
+        let photo = |photo: usize| match recall(&self.photos, (photo, detail)) {
             Some(known) => Ok((photo, known)),
-            None => Ok((photo, self.photos.insert((photo, detail), load(photo)?))),
+            None => Ok((photo, keep(&self.photos, KEPT_PHOTOS, (photo, detail), load(photo)?))),
         };
         let photos = needed.into_par_iter().map(photo).collect::<Result<BTreeMap<_, _>, E>>()?;
         let search = |photos_of: &[usize]| {
             let small: Vec<&SmallPhoto> = photos_of.iter().map(|photo| &*photos[photo]).collect();
-            self.maps.insert((photos_of[0], detail), small_map(&small, range))
+            keep(&self.maps, KEPT_MAPS, (photos_of[0], detail), small_map(&small, range))
         };
         let all = searched.par_iter().zip(known).map(|(photos, known)| known.unwrap_or_else(|| search(photos)));
         Ok(all.map(|map| (*map).clone()).collect())
@@ -239,35 +233,25 @@ impl SmallMaps {
 /// A photo and its detail.
 type Key = (usize, usize);
 
-/// Values used last.
-#[derive(Debug)]
-struct Recent<T> {
-    kept: usize,
-    /// The last used one first.
-    values: Mutex<VecDeque<(Key, Arc<T>)>>,
+/// Values, the last used one first.
+type Recent<T> = Mutex<VecDeque<(Key, Arc<T>)>>;
+
+fn recall<T>(values: &Recent<T>, key: Key) -> Option<Arc<T>> {
+    let mut values = values.lock().unwrap_or_else(PoisonError::into_inner);
+    let at = values.iter().position(|&(of, _)| of == key)?;
+    let found = values.remove(at)?;
+    let value = Arc::clone(&found.1);
+    values.push_front(found);
+    Some(value)
 }
 
-impl<T> Recent<T> {
-    fn new(kept: usize) -> Self {
-        Self { kept, values: Mutex::default() }
-    }
-
-    fn get(&self, key: Key) -> Option<Arc<T>> {
-        let mut values = self.values.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = values.iter().position(|&(of, _)| of == key)?;
-        let found = values.remove(at)?;
-        let value = Arc::clone(&found.1);
-        values.push_front(found);
-        Some(value)
-    }
-
-    fn insert(&self, key: Key, value: T) -> Arc<T> {
-        let value = Arc::new(value);
-        let mut values = self.values.lock().unwrap_or_else(PoisonError::into_inner);
-        values.truncate(self.kept - 1);
-        values.push_front((key, Arc::clone(&value)));
-        value
-    }
+/// Adds a value; as many stay as are `kept`.
+fn keep<T>(values: &Recent<T>, kept: usize, key: Key, value: T) -> Arc<T> {
+    let value = Arc::new(value);
+    let mut values = values.lock().unwrap_or_else(PoisonError::into_inner);
+    values.truncate(kept - 1);
+    values.push_front((key, Arc::clone(&value)));
+    value
 }
 
 #[cfg(test)]
@@ -276,12 +260,12 @@ mod tests {
 
     #[test]
     fn recent_keeps_what_was_used_last() {
-        let recent = Recent::new(2);
-        recent.insert((0, 1), "a");
-        recent.insert((0, 2), "b");
-        assert_eq!(recent.get((0, 1)).as_deref(), Some(&"a"));
-        recent.insert((1, 1), "c");
-        assert_eq!([(0, 1), (0, 2), (1, 1)].map(|key| recent.get(key).is_some()), [true, false, true]);
+        let recent = Recent::default();
+        keep(&recent, 2, (0, 1), "a");
+        keep(&recent, 2, (0, 2), "b");
+        assert_eq!(recall(&recent, (0, 1)).as_deref(), Some(&"a"));
+        keep(&recent, 2, (1, 1), "c");
+        assert_eq!([(0, 1), (0, 2), (1, 1)].map(|key| recall(&recent, key).is_some()), [true, false, true]);
     }
 
     fn camera() -> Camera {
