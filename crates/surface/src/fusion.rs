@@ -110,8 +110,9 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
         let planes = search.planes();
         let searched = search.disparity(&planes, search.costs(&planes).view());
         let variance = |disparity: &[f32]| {
-            let visible_to = |&view| visible(view, target, disparity, size.width, margin);
-            let visible: Vec<_> = depth_maps(views).par_iter().map(visible_to).collect();
+            let visible_to =
+                |v: &SurfaceView<'_>| visible((v.view.camera, v.confirmed), target, disparity, size.width, margin);
+            let visible: Vec<_> = views.par_iter().map(visible_to).collect();
             let (visible, splatted, width) = (&visible, &splatted, size.width);
             photo_variance(&SeenSurface { disparity, splatted, width, sources, visible })
         };
@@ -153,10 +154,6 @@ pub(crate) fn splat_confirmed(views: &[SurfaceView<'_>], target: &Camera, dispar
     let margins = (SAME_SURFACE_PX * disparity_per_pixel, AVERAGED_PX * disparity_per_pixel);
     let maps: Vec<_> = views.iter().map(|v| (v.view.camera, &v.confirmed.disparity)).collect();
     splat(&maps, target, padded(target.size()), margins, Single::Kept)
-}
-
-fn depth_maps<'a>(views: &[SurfaceView<'a>]) -> Vec<(&'a Camera, &'a ConfirmedDisparity)> {
-    views.iter().map(|v| (v.view.camera, v.confirmed)).collect()
 }
 
 /// A photo with its confirmed depth.
