@@ -34,7 +34,7 @@ use crate::neighbourhood::median3;
 use crate::parallax::widest_parallax;
 use crate::photo_sweep::{COST_SCALE, costs};
 use liveview::geometry::{Camera, PlaneSweep, Size};
-use liveview::warp::{SourceView, Texture, WarpSource, round_to_i32};
+use liveview::warp::{SourceView, Texture, WarpSource, round_to_i32, warp_sources};
 
 /// Pixels per side of a cell of the first search.
 pub(crate) const CELL: usize = 2;
@@ -57,9 +57,7 @@ pub(crate) fn refined(views: &[SourceView<'_>], first: CellSearch) -> PhotoDispa
     let starts = segment_starts(&index, cells.width, FINE_PER_COARSE, fine.count);
     let candidates = Candidates::Segments { starts: &starts, columns: cells.width, cells_per_side: CELL };
     let reference = Planes::new(photo.texture);
-    let source = |n: &SourceView<'_>| PlaneSweep::new(n.camera, photo.camera);
-    let sources: Vec<_> = neighbours.iter().map(|n| WarpSource::new(n.texture, source(n))).collect();
-    let volume = costs(&reference, &sources, &fine, candidates, None);
+    let volume = costs(&reference, &warp_sources(neighbours, photo.camera), &fine, candidates, None);
     let index = smooth_index(&volume, &reference, &fine, candidates);
     PhotoDisparity::at(&index, reference.width, &fine, disparity_per_pixel)
 }
