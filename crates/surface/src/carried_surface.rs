@@ -50,7 +50,7 @@ pub fn guided_range(
     if let Some(before) = before {
         let mut moved = before.moved(target);
         let refreshed = if reuse == Reuse::Refreshed { moved.refresh(search, &views)? } else { 0.0 };
-        return Ok((carried.insert(moved).range(), refreshed));
+        return Ok((range_of(&carried.insert(moved).disparity, 0.0), refreshed));
     }
     let stages = search.search_part(&views, target)?;
     let range = stages.range.clone();
@@ -76,11 +76,6 @@ impl CarriedSurface {
         let cost = cost(&stages.fine_disparity, views);
         let planes = stages.disparities.len();
         Self { target: views.target.clone(), disparity: stages.fine_disparity, cost, planes }
-    }
-
-    /// The range of each cell, which guided layers divide.
-    fn range(&self) -> RangeMap {
-        range_of(&self.disparity, 0.0)
     }
 
     /// The surface forward-warped to another camera: the nearest where several points project to
