@@ -14,7 +14,7 @@ use ndarray::{Array2, ArrayView2, Axis, s};
 use crate::Reuse;
 use crate::guided::{COARSE, GuidedSearch, RangeMap, SearchStages, TargetViews, WINDOWS, range_of};
 use crate::neighbourhood::extremes3;
-use liveview::geometry::{Camera, PlaneSweep, Size, source_from_target};
+use liveview::geometry::{Camera, PlaneSweep, source_from_target};
 use liveview::layers::{CELL, LayersError};
 use liveview::warp::SourceView;
 
@@ -138,8 +138,17 @@ impl CarriedSurface {
             return Ok(1.0);
         }
         let search = GuidedSearch { planes: Some(self.planes), ..*search };
+        let fine = |cell: usize| cell * COARSE / CELL;
         for (region, expanded) in dirty.iter().zip(&expanded) {
-            self.search_region(&search, views, region, expanded)?;
+            let [left, top] = [expanded.left, expanded.top].map(|cell| (cell * COARSE) as f64);
+            let (width, height) = (expanded.width() * COARSE, expanded.height() * COARSE);
+            let part = views.target.with_window(left, top, width, height).expect("a part of a padded target");
+            let found = search.search_part(views, &part)?.fine_disparity;
+            let inner = |start: usize, end: usize, from: usize| fine(start - from)..fine(end - from);
+            let rows = inner(region.top, region.bottom, expanded.top);
+            let found = found.slice(s![rows, inner(region.left, region.right, expanded.left)]);
+            let cells = s![fine(region.top)..fine(region.bottom), fine(region.left)..fine(region.right)];
+            self.disparity.slice_mut(cells).assign(&found);
         }
         let after = cost(&self.disparity, views);
         for region in &dirty {
@@ -147,29 +156,6 @@ impl CarriedSurface {
             self.cost.slice_mut(cells).assign(&after.slice(cells));
         }
         Ok(share(dirty.iter().map(Region::area).sum()))
-    }
-
-    /// Searches `expanded`, and replaces the disparities of `region` in it.
-    fn search_region(
-        &mut self,
-        search: &GuidedSearch,
-        views: &TargetViews<'_>,
-        region: &Region,
-        expanded: &Region,
-    ) -> Result<(), LayersError> {
-        let [left, top] = [expanded.left, expanded.top].map(|cell| (cell * COARSE) as f64);
-        let size = Size::new(expanded.width() * COARSE, expanded.height() * COARSE);
-        let part = views.target.with_window(left, top, size.width, size.height).expect("a part of a padded target");
-        let found = search.search_part(views, &part)?;
-        let fine = |cell: usize| cell * COARSE / CELL;
-        let inner = |start: usize, end: usize, from: usize| fine(start - from)..fine(end - from);
-        self.disparity
-            .slice_mut(s![fine(region.top)..fine(region.bottom), fine(region.left)..fine(region.right)])
-            .assign(&found.fine_disparity.slice(s![
-                inner(region.top, region.bottom, expanded.top),
-                inner(region.left, region.right, expanded.left)
-            ]));
-        Ok(())
     }
 }
 
