@@ -78,7 +78,7 @@ pub(crate) fn balanced(gains: &[[f32; 3]], distances: &[f64]) -> Vec<[f32; 3]> {
 
 fn gains(view: &SurfaceView<'_>, first: &SurfaceView<'_>) -> Option<[f32; 3]> {
     let mut ratios = [(); 3].map(|()| Vec::new());
-    for Correspondence { pixel, other } in correspondences(view, first) {
+    for (pixel, other) in correspondences(view, first) {
         let here = view.view.texture.pixel(pixel.0, pixel.1);
         let there = first.view.texture.pixel(other.0 as usize, other.1 as usize);
         for (channel, ratios) in ratios.iter_mut().enumerate() {
@@ -139,12 +139,12 @@ fn sums(photo: &SurfaceView<'_>, other: &SurfaceView<'_>) -> DetailSums {
     let gains = relative_gains(photo, other);
     let (width, height) = (texture.width() as f32, texture.height() as f32);
     let mut sums = DetailSums::default();
-    for found in correspondences(other, photo) {
-        let (x, y) = (found.other.0 - 0.5, found.other.1 - 0.5);
+    for (pixel, found) in correspondences(other, photo) {
+        let (x, y) = (found.0 - 0.5, found.1 - 0.5);
         if !(x >= 1.0 && y >= 1.0 && x < width - 2.0 && y < height - 2.0) {
             continue;
         }
-        let shown = other.view.texture.pixel(found.pixel.0, found.pixel.1);
+        let shown = other.view.texture.pixel(pixel.0, pixel.1);
         let (sample, detail) = sample_and_detail(texture, x, y);
         sums.count += 1;
         for c in 0..3 {
@@ -180,14 +180,9 @@ const PIXEL_STEP: usize = 8;
 /// Largest difference of the two depths, pixels of parallax of the first photo.
 const AGREEMENT_PX: f32 = 2.0;
 
-/// A pixel of a photo, and the position of the same point in another photo.
-#[derive(Debug, Clone, Copy)]
-struct Correspondence {
-    /// Column and row of the pixel.
-    pub(crate) pixel: (usize, usize),
-    /// Column and row in the other photo, pixels, the centre of the first at 0.5; inside it.
-    pub(crate) other: (f32, f32),
-}
+/// Column and row of a pixel of a photo, and those of the same point in another photo, inside it: pixels, the
+/// centre of the first at 0.5.
+type Correspondence = ((usize, usize), (f32, f32));
 
 /// Of every eighth pixel of every eighth row, those whose confirmed depth, projected into the other
 /// photo, agrees within 2 px (the photo's pixel of parallax) with the confirmed depth of the pixel
@@ -204,7 +199,7 @@ fn correspondences(view: &SurfaceView<'_>, other: &SurfaceView<'_>) -> Vec<Corre
             }
             let own = other.confirmed.disparity[(other_y as usize, other_x as usize)];
             if own >= 0.0 && (own - disparity).abs() < AGREEMENT_PX * view.confirmed.disparity_per_pixel {
-                found.push(Correspondence { pixel: (x, y), other: (other_x, other_y) });
+                found.push(((x, y), (other_x, other_y)));
             }
         }
     }
