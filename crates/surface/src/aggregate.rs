@@ -224,24 +224,15 @@ impl Paths<'_> {
         let new = starts_of(cell);
         // Candidates that the cell has.
         let used = if new[1] == Candidates::NO_SEGMENT { SEGMENT } else { count };
-        let Some((from, jump)) = from else {
-            previous[MARGIN..MARGIN + used].copy_from_slice(&costs[..used]);
-            previous[MARGIN + used..MARGIN + count].fill(INFINITE);
-            sums[..used].iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
-            sums[used..].fill(u16::MAX);
-            ends.minimum[path] = minimum(&costs[..used]);
-            return;
-        };
-        if let Some((_, index)) = self.known.filter(|_| self.skips(from)) {
-            let index = index[from.0 * self.width + from.1];
+        let Some((from, jump)) = from.filter(|&(from, _)| !self.skips(from)) else {
+            let known =
+                from.zip(self.known).map(|((from, jump), (_, index))| (index[from.0 * self.width + from.1], jump));
             for k in 0..used {
-                let apart = (self.candidates.index(cell, k) as f32 - index).abs();
-                let penalty = if apart < 0.75 {
-                    0
-                } else if apart < 1.75 {
-                    self.penalties.step
-                } else {
-                    jump
+                let apart = |index: f32| (self.candidates.index(cell, k) as f32 - index).abs();
+                let penalty = match known.map(|(index, jump)| (apart(index), jump)) {
+                    None | Some((..0.75, _)) => 0,
+                    Some((..1.75, _)) => self.penalties.step,
+                    Some((_, jump)) => jump,
                 };
                 previous[MARGIN + k] = costs[k] + penalty;
                 sums[k] += previous[MARGIN + k];
@@ -250,7 +241,7 @@ impl Paths<'_> {
             sums[used..].fill(u16::MAX);
             ends.minimum[path] = minimum(&previous[MARGIN..MARGIN + used]);
             return;
-        }
+        };
         let (best, step) = (ends.minimum[path], self.penalties.step);
         let jump = best + jump;
         let next = &mut ends.next;
