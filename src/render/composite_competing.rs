@@ -12,6 +12,7 @@
 use super::blend::Blended;
 use super::composite::{Accumulated, CompositeRow};
 use crate::simd::exp_f64;
+use crate::warp::clamp;
 
 /// Sums over the layers so far, for one row of the target.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,7 +47,7 @@ impl Competing {
     pub fn weights<'a>(&'a self, logits: &'a [f32], covered: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
         let sums = self.top.iter().zip(&self.total);
         sums.zip(logits.iter().zip(covered)).map(|((&top, total), (&logit, &covered))| {
-            let below = f64::from(finite_or_least(logit)) - f64::from(top);
+            let below = f64::from(clamp(logit, f32::MIN, f32::MAX)) - f64::from(top);
             if covered { exp_f64(below * self.scale) / total } else { 0.0 }
         })
     }
@@ -89,7 +90,7 @@ fn add_row_with<'a, S: pulp::Simd>(
     for (((top, total), best), ((&logit, &covered), (kept, term))) in
         state.zip(inputs.zip(kept.iter_mut().zip(&mut terms)))
     {
-        let logit = finite_or_least(logit);
+        let logit = clamp(logit, f32::MIN, f32::MAX);
         let above = f64::from(logit) - f64::from(*top);
         // One exponential is enough: the larger of the two terms is 1.
         let less = exp_f64(-above.abs() * row.scale);
@@ -108,12 +109,6 @@ fn add_row_with<'a, S: pulp::Simd>(
             .zip(weights)
             .for_each(|(sum, ((kept, term), &value))| *sum = *sum * kept + term * f64::from(value));
     }
-}
-
-#[inline(always)]
-fn finite_or_least(logit: f32) -> f32 {
-    let logit = if logit > f32::MIN { logit } else { f32::MIN };
-    if logit < f32::MAX { logit } else { f32::MAX }
 }
 
 impl CompositeRow for Competing {

@@ -15,7 +15,7 @@ mod volume;
 
 pub use bilinear::sample;
 pub(crate) use layer_band::{LayerBand, OwnDisparity};
-pub(crate) use run::ALL_SEEN;
+pub(crate) use run::{ALL_SEEN, clamp};
 pub use run::{RUN, RunCoverage, round_to_i32};
 pub use sample_positions::SamplePositions;
 pub use texture::Texture;

@@ -50,9 +50,9 @@ pub fn round_to_i32(x: f32) -> i32 {
     (x + OFFSET).to_bits().wrapping_sub(OFFSET.to_bits()) as i32
 }
 
-/// `x` clamped to [low, high]: two instructions, where `f32::max` and `min` take eight.
+/// `x` clamped to [low, high], NaN to `low`: two instructions, where `f32::max` and `min` take eight.
 #[inline(always)]
-pub(super) fn clamp(x: f32, low: f32, high: f32) -> f32 {
+pub(crate) fn clamp(x: f32, low: f32, high: f32) -> f32 {
     let x = if x > low { x } else { low };
     if x < high { x } else { high }
 }
