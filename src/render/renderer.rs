@@ -14,10 +14,10 @@ use super::corrected_photos::{SharpenedPhotos, correct_photos};
 use super::frame::{Frame, StageTimes};
 use super::visibility::Visibility;
 use super::{RenderError, RenderRequest};
-use crate::geometry::{Camera, Size, distance};
+use crate::geometry::{Size, distance};
 use crate::layers::padded;
 use crate::network::{Alpha, NetworkError, PlaneNetwork};
-use crate::warp::{SourceView, warp_sources};
+use crate::warp::warp_sources;
 
 /// Layers that are warped together and then composited together, however few the network takes at
 /// once: photos and sums are then read from memory once for all of them. Measured alternatives:
@@ -115,7 +115,9 @@ impl Renderer {
         let mut sources = warp_sources(views, target);
         correct_photos(corrections, &mut sources, &mut self.sharpened);
         let own_depth = visibility.map(Visibility::own_depth).unwrap_or_default();
-        let weights = distance_weights(views, target, !corrections.is_empty());
+        let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
+        let power = if corrections.is_empty() { 1.0 } else { CORRECTED_DISTANCE_POWER };
+        let weights = DistanceWeights::with_power(&distances, power);
 
         let is_seen = visibility.is_none_or(|visibility| visibility.is_seen);
         let mut visible = vec![visibility.is_none() || !is_seen; size.pixels()];
@@ -162,11 +164,6 @@ impl Renderer {
         times.composite += started.elapsed();
         Ok(Frame { occluded_pixels, uncovered_layers, logits_not_finite, times, ..frame })
     }
-}
-
-fn distance_weights(views: &[SourceView<'_>], target: &Camera, are_corrected: bool) -> DistanceWeights {
-    let distances: Vec<f64> = views.iter().map(|v| distance(v.camera, target)).collect();
-    DistanceWeights::with_power(&distances, if are_corrected { CORRECTED_DISTANCE_POWER } else { 1.0 })
 }
 
 /// Pixels of the target, the upper left part of a padded one of this width, that are not visible but
