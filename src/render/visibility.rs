@@ -9,15 +9,15 @@
 
 use std::ops::Range;
 
-use ndarray::{Array2, Array3};
+use ndarray::{Array2, Array3, Axis};
 use rayon::prelude::*;
 
+use super::blend::DistanceWeights;
+use super::buffers::Buffers;
 use super::corrected_photos::{SharpenedPhotos, ViewCorrection, correct_photos};
 use crate::geometry::{Camera, Size};
-use crate::warp::{
-    ALL_SEEN, LayerBand, OwnDisparity, RUN, RunCoverage, SourceView, WarpedLayers, run_coverage_len, warp_layers_into,
-    warp_sources,
-};
+use crate::layers::Layer;
+use crate::warp::{ALL_SEEN, LayerBand, OwnDisparity, RUN, RunCoverage, SourceView, WarpedLayers, warp_sources};
 
 /// Coverage, summed over the views that are not occluded, up to which a pixel counts as occluded.
 const MIN_COVERAGE: f32 = 0.05;
@@ -44,7 +44,7 @@ impl Visibility<'_> {
 
 /// A layer `[h, w]` (1/scene unit) of a padded target warped by `views`, with their photo correction and
 /// without the samples that they do not see: colour `[3V, h, w]`, coverage `[V, h, w]`, and which pixels any view
-/// sees `[h, w]`. For the parity tests; the renderer does the same in its own buffers.
+/// sees `[h, w]`. For the parity tests.
 #[doc(hidden)]
 pub fn occluded(
     visibility: &Visibility<'_>,
@@ -55,25 +55,17 @@ pub fn occluded(
 ) -> (Array3<f32>, Array3<f32>, Array2<bool>) {
     let (height, width) = layer.dim();
     let size = Size::new(width, height);
-    let pixels = views.len() * size.pixels();
-    let (mut colour, mut coverage, mut seen) = (vec![0.0; 3 * pixels], vec![0.0; pixels], vec![false; size.pixels()]);
-    let mut run_coverage = vec![RunCoverage::Partial; views.len() * run_coverage_len(size)];
-    let mut seen_runs = vec![0; run_coverage.len()];
     let (mut sources, mut sharpened) = (warp_sources(views, target), SharpenedPhotos::default());
     correct_photos(corrections, &mut sources, &mut sharpened);
-    let mut warped = WarpedLayers {
-        disparity: layer.as_slice().expect("standard order"),
-        colour: &mut colour,
-        coverage: &mut coverage,
-        run_coverage: &mut run_coverage,
-        seen: &mut seen_runs,
-    };
-    warp_layers_into(&sources, &visibility.own_depth(), size, &mut warped);
-    hide_occluded(views.len(), size, &mut warped, &mut seen);
-    let volume = |values: Vec<f32>| {
-        Array3::from_shape_vec((values.len() / size.pixels(), height, width), values).expect("complete maps")
-    };
-    (volume(colour), volume(coverage), Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
+    let (mut buffers, mut seen) = (Buffers::default(), vec![false; size.pixels()]);
+    buffers.make_room(1, views.len(), size).expect("memory for a layer");
+    let layer = Layer::Pixels(layer.clone());
+    buffers.warp(std::iter::once((0, &layer)), &sources, &visibility.own_depth(), &mut Vec::new());
+    buffers.hide_occluded(1, &mut seen);
+    let weights = DistanceWeights::new(&[]);
+    let (batch, _) = buffers.batch(1, &weights);
+    let [colour, coverage] = [batch.hwv, batch.coverage].map(|all| all.index_axis_move(Axis(0), 0).to_owned());
+    (colour, coverage, Array2::from_shape_vec((height, width), seen).expect("one per pixel"))
 }
 
 /// Sets colour and coverage of `layers` to 0 where a view is occluded. The layers are of that many
