@@ -7,6 +7,7 @@
 //! Pictures are encoded in memory first, because the PNG encoder drops the error of its last write to a
 //! file.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -202,7 +203,8 @@ pub fn encode(path: &Path, picture: &ImageRgb) -> Result<Vec<u8>, ImageError> {
 /// As [`encode`].
 pub fn encode_with_quality(path: &Path, picture: &ImageRgb, quality: u8) -> Result<Vec<u8>, ImageError> {
     let (mut bytes, rgb8, color) = (Vec::new(), picture.to_rgb8(), ExtendedColorType::Rgb8);
-    Ok(if is_jpeg(path) {
+    let is_jpeg = |found: &OsStr| found.eq_ignore_ascii_case("jpg") || found.eq_ignore_ascii_case("jpeg");
+    Ok(if path.extension().is_some_and(is_jpeg) {
         write(JpegEncoder::new_with_quality(&mut bytes, quality), &rgb8, picture.size(), color)?;
         // After the first segment, the JFIF header.
         let at = 4 + usize::from(u16::from_be_bytes([bytes[4], bytes[5]]));
@@ -234,10 +236,6 @@ pub fn encode_gray16_png(width: usize, height: usize, data: &[u16]) -> Result<Ve
 /// suffice.
 pub fn is_tagged(picture: &[u8]) -> bool {
     picture.windows(SOFTWARE_TAG.len()).any(|bytes| bytes == SOFTWARE_TAG)
-}
-
-fn is_jpeg(path: &Path) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("jpg") || found.eq_ignore_ascii_case("jpeg"))
 }
 
 /// Inserts [`SOFTWARE_TAG`] after the header chunk.
