@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use ort::environment::{Environment, EnvironmentBuilder};
+use ort::environment::Environment;
 
 #[cfg(feature = "load-dynamic")]
 use super::check_file;
@@ -170,7 +170,9 @@ impl OrtLibrary {
         };
         #[cfg(not(feature = "load-dynamic"))]
         let builder = ort::init();
-        let environment = build(builder).map_err(|e| unusable(e.to_string()))?;
+        // Its log is discarded: it repeats, on standard error, the errors that are returned.
+        let builder = builder.with_name("liveview").with_telemetry(false).with_logger(Arc::new(|_, _, _, _, _| {}));
+        let environment = builder.build().map_err(|e| unusable(e.to_string()))?;
         let library = Self { environment, path: library, provider };
         *loaded = Some(library.clone());
         Ok(library)
@@ -185,12 +187,6 @@ impl OrtLibrary {
     pub fn provider(&self) -> ExecutionProvider {
         self.provider
     }
-}
-
-/// Builds the environment. Its log is discarded: it repeats, on standard error, the errors that are
-/// returned.
-fn build(builder: EnvironmentBuilder) -> ort::Result<Environment> {
-    builder.with_name("liveview").with_telemetry(false).with_logger(Arc::new(|_, _, _, _, _| {})).build()
 }
 
 /// Refuses a truncated library: the loader maps it all the same, and the process is killed (SIGBUS) at the
