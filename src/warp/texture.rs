@@ -45,12 +45,6 @@ impl Texture {
         Self { texels, width, height, id: new_id() }
     }
 
-    /// All texels 0, for a photo of that size.
-    fn blank(width: usize, height: usize) -> Self {
-        let texels = vec![[0.0; 4]; (width + BORDER.0 + BORDER.1) * (height + BORDER.0 + BORDER.1)];
-        Self { texels, width, height, id: new_id() }
-    }
-
     /// Identifies the photo: textures of one id have the same content.
     pub fn id(&self) -> u64 {
         self.id
@@ -86,9 +80,9 @@ impl Texture {
     /// right and lower edge.
     pub fn shrunk(&self, cell: usize) -> Self {
         let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
-        let mut shrunk = Self::blank(width, height);
-        let (stride, shrunk_stride) = (self.stride() as usize, shrunk.stride() as usize);
-        let rows = shrunk.texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
+        let (stride, shrunk_stride) = (self.stride() as usize, width + BORDER.0 + BORDER.1);
+        let mut texels = vec![[0.0; 4]; shrunk_stride * (height + BORDER.0 + BORDER.1)];
+        let rows = texels.par_chunks_exact_mut(shrunk_stride).skip(BORDER.0).take(height);
         rows.enumerate().for_each(|(y, row)| {
             let texels = &mut row[BORDER.0..BORDER.0 + width];
             for y in y * cell..(y * cell + cell).min(self.height) {
@@ -99,7 +93,7 @@ impl Texture {
             }
             texels.iter_mut().for_each(|sum| *sum = sum.map(|s| s / sum[3]));
         });
-        shrunk
+        Self { texels, width, height, id: new_id() }
     }
 
     /// Writes the photo to `out` with `amount` of its detail added: 4 times each pixel less its
