@@ -95,9 +95,11 @@ impl SamplePositions {
     ) -> Option<RunCoverage> {
         let middle = RunMiddle::new(source, row, run, disparity)?;
         let RunMiddle { texel: (texel_x, texel_y), fraction: (fraction_x, fraction_y), per_column, .. } = middle;
-        let ((left, top), (right, bottom)) = middle.bounds(source.texture);
         let stride = source.texture.stride() as i32;
         let (width, height) = (source.texture.width() as u32, source.texture.height() as u32);
+        // The first and the last texel that samples are clamped to, relative to the middle's.
+        let (left, top) = (-(texel_x as f32), -(texel_y as f32));
+        let (right, bottom) = ((width + 1) as f32 + left, (height + 1) as f32 + top);
         let offset = |i: usize| middle.offset(i, disparity);
         // On a plane of a rectified rig all pixels have the same fractional part: a quarter less
         // time.
@@ -233,13 +235,6 @@ impl RunMiddle {
         let dx = (k * per_column[0] + d * per_disparity[0]) * per_w;
         let dy = (k * per_column[1] + d * per_disparity[1]) * per_w;
         (w, dx, dy, self.per_w * per_w)
-    }
-
-    /// The first and the last texel that samples are clamped to, relative to [`Self::texel`].
-    #[inline(always)]
-    pub(super) fn bounds(&self, texture: &Texture) -> ((f32, f32), (f32, f32)) {
-        let (x, y) = (self.texel.0 as f32, self.texel.1 as f32);
-        ((-x, -y), ((texture.width() + 1) as f32 - x, (texture.height() + 1) as f32 - y))
     }
 }
 
