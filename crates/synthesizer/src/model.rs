@@ -48,7 +48,7 @@ pub struct Options {
 }
 
 /// Options of the model and of ONNX Runtime.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct ModelOptions {
     /// V, the number of views that each picture is rendered from; `None`: the model file's, else
     /// `DEFAULT_VIEWS`.
@@ -62,8 +62,8 @@ pub struct ModelOptions {
     /// `liveview_v{V}_planes_int8.onnx`, if there is one; with an independent `alpha`
     /// `liveview_v{V}_planes_paper.onnx` or its int8.
     pub file: Option<PathBuf>,
-    /// Folders of models; by default the one named by the environment variable `LIVEVIEW_MODELS` if it is
-    /// set, else a `models` folder beside the running program or up to three folders above it.
+    /// Folders of models that are searched after the one named by the environment variable `LIVEVIEW_MODELS` if
+    /// it is set, else after `models` beside the running program and up to three folders above it.
     pub folders: Vec<PathBuf>,
     /// Whether to search for the quantised model (int8).
     pub quantized: bool,
@@ -77,26 +77,8 @@ pub struct ModelOptions {
     pub library: Option<PathBuf>,
     /// Threads of the network; `None`: one per core. Everything else runs in rayon's pool.
     pub threads: Option<usize>,
-    /// Layers that go through the network at once: memory grows with it, the result stays the same.
+    /// Layers that go through the network at once, 0 as 1: memory grows with it, the result stays the same.
     pub batch: usize,
-}
-
-impl Default for ModelOptions {
-    fn default() -> Self {
-        Self {
-            views: None,
-            network: None,
-            file: None,
-            folders: model_folders(),
-            quantized: false,
-            alpha: None,
-            provider: ExecutionProvider::default(),
-            precision: Precision::default(),
-            library: None,
-            threads: None,
-            batch: 1,
-        }
-    }
 }
 
 impl ModelOptions {
@@ -124,7 +106,8 @@ impl ModelOptions {
     ///
     /// [`SynthesisError::Model`] if none of the folders has it.
     pub fn find(&self, views: usize, layers: Option<&LayerSpec>) -> Result<PathBuf, SynthesisError> {
-        Ok(find_model(self.folders.clone(), views, self.quantized, layers, self.alpha)?)
+        let folders = model_folders().into_iter().chain(self.folders.iter().cloned()).collect();
+        Ok(find_model(folders, views, self.quantized, layers, self.alpha)?)
     }
 
     /// A renderer of these options, and the layers that it renders on: these, or those that the
@@ -238,7 +221,7 @@ pub struct ModelNotFound {
     pub found: Vec<usize>,
 }
 
-/// The default of [`ModelOptions::folders`].
+/// The folders before those of [`ModelOptions::folders`].
 fn model_folders() -> Vec<PathBuf> {
     if let Some(named) = std::env::var_os("LIVEVIEW_MODELS").filter(|v| !v.is_empty()) {
         return vec![named.into()];
