@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::{ModelNotFound, ThreadsError};
+use crate::ThreadsError;
 use liveview::geometry::TooFewViews;
 use liveview::layers::LayersError;
 use liveview::network::{NetworkError, OrtLibraryError};
@@ -61,8 +61,8 @@ pub enum SynthesisError {
     #[error(transparent)]
     Path(#[from] CameraPathError),
     /// There is no model for that number of views.
-    #[error(transparent)]
-    Model(#[from] ModelNotFound),
+    #[error("{0}")]
+    Model(String),
     /// ONNX Runtime cannot be used.
     #[error(transparent)]
     Library(#[from] OrtLibraryError),
