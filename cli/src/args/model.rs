@@ -226,7 +226,7 @@ pub(crate) fn start_threads(threads: usize) -> Result<()> {
     if *started {
         return Ok(());
     }
-    check_threads(threads).with_context(|| format!("--threads {threads}"))?;
+    check_threads(threads).map_err(anyhow::Error::msg).with_context(|| format!("--threads {threads}"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
     // The rendering thread joins the pool: it then need not sleep and wake at each stage, which
     // saves 1 of 17 ms of a frame (network excluded). It must not be the only thread of the pool:

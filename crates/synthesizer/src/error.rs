@@ -3,7 +3,6 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::ThreadsError;
 use liveview::geometry::TooFewViews;
 use liveview::layers::LayersError;
 use liveview::network::{NetworkError, OrtLibraryError};
@@ -67,12 +66,12 @@ pub enum SynthesisError {
     #[error(transparent)]
     Library(#[from] OrtLibraryError),
     /// The threads to run a model on cannot be started.
-    #[error("{}: cannot be run: {source}", path.display())]
+    #[error("{}: cannot be run: {reason}", path.display())]
     Threads {
         /// The model file.
         path: PathBuf,
         /// Why.
-        source: ThreadsError,
+        reason: String,
     },
     /// The model file is not a LiveView model, or does not fit the options.
     #[error(transparent)]

@@ -41,9 +41,7 @@ pub use liveview_scene::{Scene, SceneOptions};
 pub use liveview_surface::{PhotoCorrection, TargetSurface};
 pub use memory::check_video;
 pub use metrics::{Score, psnr, ssim};
-pub use model::{
-    MAX_THREADS, Model, ModelOptions, OpenedRenderer, Options, ThreadsError, check_threads, recommended_layers,
-};
+pub use model::{MAX_THREADS, Model, ModelOptions, OpenedRenderer, Options, check_threads, recommended_layers};
 pub use photo_depths::{DepthProgress, DepthSource, ViewDepth};
 pub use scene_photos::ScenePhotos;
 pub use scene_views::SceneViews;

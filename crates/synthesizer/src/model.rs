@@ -175,7 +175,7 @@ impl Model {
         let threads = options.threads_or_default();
         let library = OrtLibrary::load(options.provider, options.library.as_deref())?;
         // If ONNX Runtime gets only some of its threads, it waits for ever.
-        check_threads(threads).map_err(|source| SynthesisError::Threads { path: path.clone(), source })?;
+        check_threads(threads).map_err(|reason| SynthesisError::Threads { path: path.clone(), reason })?;
         let network = OrtNetwork::open_in(options.precision, &library, &path, threads)?;
         // A model that the user names may render any layers.
         if let (None, Some(layers)) = (&options.file, layers)
@@ -277,36 +277,14 @@ const STACK_BYTES: usize = 8 << 20;
 /// freed blocks of up to 32 MiB and would reserve the same one for every thread.
 const FREE_BYTES: usize = 64 << 20;
 
-/// Why threads cannot be started.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ThreadsError {
-    /// More than [`MAX_THREADS`].
-    #[error("{0} threads; expected 1 to {MAX_THREADS}")]
-    TooMany(usize),
-    /// The system refused to start them.
-    #[error(
-        "of {asked} threads only {started} can be started: {source}; expected fewer threads, or a higher limit of processes \
-         (ulimit -u, a container's pids.max) or of address space (ulimit -v)"
-    )]
-    Refused {
-        /// Threads requested.
-        asked: usize,
-        /// How many of them were started.
-        started: usize,
-        /// The system's reason.
-        source: io::Error,
-    },
-}
-
 /// Starts `count` threads at the same time, and ends them.
 ///
 /// # Errors
 ///
-/// [`ThreadsError`].
-pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
+/// More than [`MAX_THREADS`] or none; what the system starts of them, and why no more.
+pub fn check_threads(count: usize) -> Result<(), String> {
     if !(1..=MAX_THREADS).contains(&count) {
-        return Err(ThreadsError::TooMany(count));
+        return Err(format!("{count} threads; expected 1 to {MAX_THREADS}"));
     }
     let gate = Mutex::new(());
     thread::scope(|scope| {
@@ -315,7 +293,12 @@ pub fn check_threads(count: usize) -> Result<(), ThreadsError> {
             let spawn = || Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, || drop(gate.lock()));
             let has_space = memory::can_reserve(STACK_BYTES + FREE_BYTES);
             let thread = if has_space { spawn() } else { Err(io::ErrorKind::OutOfMemory.into()) };
-            thread.err().map(|source| ThreadsError::Refused { asked: count, started, source })
+            thread.err().map(|source| {
+                format!(
+                    "of {count} threads only {started} can be started: {source}; expected fewer threads, or a higher limit \
+                     of processes (ulimit -u, a container's pids.max) or of address space (ulimit -v)"
+                )
+            })
         };
         let refused = (0..count).find_map(start);
         drop(closed);
@@ -381,7 +364,7 @@ mod threads_tests {
     fn zero_threads_or_too_many_are_refused() {
         assert!(check_threads(2).is_ok());
         for count in [0, MAX_THREADS + 1, usize::MAX] {
-            assert_eq!(check_threads(count).unwrap_err().to_string(), format!("{count} threads; expected 1 to 256"));
+            assert_eq!(check_threads(count).unwrap_err(), format!("{count} threads; expected 1 to 256"));
         }
     }
 }
