@@ -77,8 +77,7 @@ impl LayerSpec {
     /// from.
     pub fn count(&self) -> usize {
         match self {
-            Self::Planes(count) => *count,
-            Self::Surface(count) => *count,
+            Self::Planes(count) | Self::Surface(count) => *count,
             Self::Guided { layers, .. } => *layers,
             Self::Select { from, .. } => *from,
             Self::List(list) => list.len(),
@@ -139,9 +138,8 @@ impl fmt::Display for LayerSpec {
         write!(f, "{}:", self.kind())?;
         let of = |planes: &Option<usize>| planes.map(|planes| format!("/{planes}")).unwrap_or_default();
         match self {
-            Self::Planes(planes) => write!(f, "{planes}"),
             Self::Guided { layers, coarse_planes } => write!(f, "{layers}{}", of(coarse_planes)),
-            Self::Surface(layers) => write!(f, "{layers}"),
+            Self::Planes(layers) | Self::Surface(layers) => write!(f, "{layers}"),
             Self::Select { keep, from } => write!(f, "{keep}/{from}"),
             Self::List(list) => {
                 let list: Vec<String> = list.iter().map(f64::to_string).collect();
