@@ -201,7 +201,7 @@ mod tests {
             let mut synthesizer = synthesizer(kept_bytes);
             let views = synthesizer.scene().views.clone();
             for view in &views {
-                synthesizer.render(&Target::camera(view.camera.clone())).unwrap();
+                synthesizer.render(&Target::Camera(view.camera.clone())).unwrap();
             }
             let shot = synthesizer.shots(Targets::cameras(vec![views[0].camera.clone()])).unwrap().remove(0);
             let loaded = synthesizer.load(&shot, &[]).unwrap();

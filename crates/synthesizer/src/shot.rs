@@ -90,28 +90,16 @@ impl LoadedShot {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Target {
-    /// A view of the scene, by name; it is rendered from the others.
+    /// A view of the scene, by name ([`Scene::view_index`]); it is rendered from the others.
     HeldOut(String),
     /// A camera.
     Camera(Camera),
 }
 
 impl Target {
-    /// The view of that name ([`Scene::view_index`]), rendered from the others.
+    /// The view of that name, rendered from the others.
     pub fn held_out(name: impl Into<String>) -> Self {
         Self::HeldOut(name.into())
-    }
-
-    /// Any camera.
-    pub fn camera(camera: Camera) -> Self {
-        Self::Camera(camera)
-    }
-
-    pub(crate) fn resolve(&self, scene: &Scene) -> Result<Targets, SynthesisError> {
-        Ok(match self {
-            Self::HeldOut(name) => Targets::held_out(scene, vec![scene.view_index(name)?]),
-            Self::Camera(camera) => Targets::cameras(vec![camera.clone()]),
-        })
     }
 }
 

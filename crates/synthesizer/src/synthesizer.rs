@@ -101,7 +101,10 @@ impl Synthesizer {
     /// [`SynthesisError`]: no such view, too few views that face the target's direction, an unknown
     /// depth range, a damaged photo, or a network that failed.
     pub fn render(&mut self, target: &Target) -> Result<Frame, SynthesisError> {
-        let targets = target.resolve(self.scene())?;
+        let targets = match target {
+            Target::HeldOut(name) => Targets::held_out(self.scene(), vec![self.scene().view_index(name)?]),
+            Target::Camera(camera) => Targets::cameras(vec![camera.clone()]),
+        };
         Ok(self.frames(targets)?.next().expect("one target")?.1)
     }
 

@@ -92,7 +92,7 @@ fn held_out_view_is_not_rendered_from_but_other_views_may_be_targets() {
     assert!(!shots(Targets::held_out(&scene, vec![view])).remove(0).views.contains(&view));
     let camera = scene.views[view].camera.clone();
     assert_eq!(shots(Targets::cameras(vec![camera.clone()])).remove(0).views[0], view, "the nearest view is itself");
-    let frame = synthesizer.render(&Target::camera(camera)).unwrap();
+    let frame = synthesizer.render(&Target::Camera(camera)).unwrap();
     assert!(psnr(frame.raw(), &scene.load_image(view).unwrap(), 8) > 40.0);
 }
 
