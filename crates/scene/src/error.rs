@@ -1,7 +1,7 @@
 //! Errors on opening or reading a scene.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use liveview::geometry::{CameraError, Size};
 use liveview::image::ImageError;
@@ -117,5 +117,9 @@ pub enum SceneError {
 impl SceneError {
     pub(super) fn malformed(path: impl Into<PathBuf>, what: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Malformed { path: path.into(), what: what.into(), expected: expected.into() }
+    }
+
+    pub(super) fn unsupported(path: &Path, what: String, hint: &str) -> Self {
+        Self::Unsupported { path: path.to_owned(), what, hint: hint.to_owned() }
     }
 }

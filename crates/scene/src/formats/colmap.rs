@@ -272,7 +272,7 @@ pub(crate) fn lens(path: &Path, model: &str, size: Size, parameters: &[f64]) -> 
     if !fisheye && !division && !PINHOLES.contains(&model) {
         let read = [&PINHOLES[..], &FISHEYES, &DIVISIONS].concat().join(", ");
         let hint = format!("run COLMAP's image_undistorter first, or use {read}");
-        return Err(SceneError::Unsupported { path: path.to_owned(), what: format!("camera model {model}"), hint });
+        return Err(SceneError::unsupported(path, format!("camera model {model}"), &hint));
     }
     if !MODELS.contains(&(model, parameters.len())) {
         let what = format!("a {model} camera with {} parameters", parameters.len());

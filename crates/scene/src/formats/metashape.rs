@@ -44,9 +44,8 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
         let (f, fisheye) = (number("f")?, kind == "fisheye");
         let (k4, p) = (number("k4")?, [number("p2")?, number("p1")?]);
         if !["frame", "fisheye"].contains(&kind) || !fisheye && k4 != 0.0 || fisheye && p != [0.0; 2] {
-            let hint = "undistort the photos (Export, Undistort Photos), or fit a frame camera without k4".to_owned();
-            let what = format!("the lens of {label}, {kind},");
-            return Err(SceneError::Unsupported { path: path.to_owned(), what, hint });
+            let hint = "undistort the photos (Export, Undistort Photos), or fit a frame camera without k4";
+            return Err(SceneError::unsupported(path, format!("the lens of {label}, {kind},"), hint));
         }
         let (cx, cy) = (0.5 * width as f64 + number("cx")?, 0.5 * height as f64 + number("cy")?);
         let intrinsics = Intrinsics { fx: f + number("b1")?, fy: f, cx, cy, skew: number("b2")? };

@@ -115,8 +115,7 @@ pub(super) fn why_none_reads(folder: &Path) -> SceneError {
     let names = || fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
     let is_of = |kind: &str| names().any(|name| name.to_string_lossy().to_lowercase().ends_with(kind));
     if let Some((kind, what)) = NOT_READ.into_iter().find(|(kind, _)| is_of(kind)) {
-        let hint = what.to_owned();
-        return SceneError::Unsupported { path, what: format!("a file {kind}"), hint };
+        return SceneError::unsupported(folder, format!("a file {kind}"), what);
     }
     let folders = ["", "images", "input"].map(|name| folder.join(name));
     let files = folders.into_iter().flat_map(fs::read_dir).flatten().flatten();

@@ -35,12 +35,8 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
         let camera = Fields::new(path, of, camera, None)?;
         let kind = camera.get("projection_type").and_then(Value::as_str).unwrap_or("perspective");
         if !["perspective", "simple_radial", "radial", "brown", "fisheye", "fisheye_opencv"].contains(&kind) {
-            let hint = "export undistorted photos and their cameras: `opensfm undistort`".to_owned();
-            return Err(SceneError::Unsupported {
-                path: path.to_owned(),
-                what: format!("the lens {kind} of {of}"),
-                hint,
-            });
+            let hint = "export undistorted photos and their cameras: `opensfm undistort`";
+            return Err(SceneError::unsupported(path, format!("the lens {kind} of {of}"), hint));
         }
         let fx = camera.optional("focal_x")?.map_or_else(|| camera.number("focal"), Ok)?;
         let fy = camera.optional("focal_y")?.unwrap_or(fx);

@@ -30,9 +30,9 @@ pub(super) fn views(bytes: &[u8], _: &SceneOptions, mut lookup: PhotoLookup<'_>)
         let p = [row.or_zero("t2")?, row.or_zero("t1")?];
         if k[3] != 0.0 || k[0] != 0.0 && [k[1], k[2], p[0], p[1]] == [0.0; 4] {
             // A division model has k1 alone, and the file does not name the model.
-            let hint = "align with the model Brown3, or export undistorted photos with their cameras".to_owned();
+            let hint = "align with the model Brown3, or export undistorted photos with their cameras";
             let what = format!("the lens of {}, of Brown4 or perhaps a division model,", photo.name);
-            return Err(SceneError::Unsupported { path: path.to_owned(), what, hint });
+            return Err(SceneError::unsupported(path, what, hint));
         }
         let [width, height] = [photo.size.width, photo.size.height].map(|side| side as f64);
         let side = width.max(height);

@@ -70,8 +70,8 @@ pub(super) fn views(
     let times: BTreeSet<String> = frames.iter().filter_map(|frame| Some(frame.get("time")?.to_string())).collect();
     if times.len() > 1 {
         let what = format!("a moving scene, with frames of {} different times,", times.len());
-        let hint = "keep the frames of one `time`, or remove `time` if nothing moves".to_owned();
-        return Err(SceneError::Unsupported { path: path.to_owned(), what, hint });
+        let hint = "keep the frames of one `time`, or remove `time` if nothing moves";
+        return Err(SceneError::unsupported(path, what, hint));
     }
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
@@ -127,9 +127,8 @@ fn file_name(frame: Fields<'_>, folder: Option<&str>) -> Result<String, SceneErr
 fn distortion(frame: Fields<'_>, lookup: &mut PhotoLookup<'_>) -> Result<Distortion, SceneError> {
     let refuse = |what: String| {
         let hint = "undistort the photos first (expected a pinhole, OpenCV's k1, k2, k3, p1, p2, FULL_OPENCV or \
-                    OPENCV_FISHEYE)"
-            .to_owned();
-        Err(SceneError::Unsupported { path: frame.path.to_owned(), what, hint })
+                    OPENCV_FISHEYE)";
+        Err(SceneError::unsupported(frame.path, what, hint))
     };
     let model = frame.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
     let upper = model.to_uppercase();
