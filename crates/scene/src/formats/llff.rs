@@ -78,9 +78,9 @@ pub(super) fn parse(path: &Path, bytes: &[u8], common: Option<Intrinsics23>) -> 
     const EXPECTED: &str = "an array, float64 or float32, of N rows with 17 numbers, or 14 with hwf_cxcy.npy beside it";
     let array = array(path, bytes, EXPECTED)?;
     let wrong = |what: String| SceneError::malformed(path, what, EXPECTED);
-    let mut rows: Vec<[f64; 17]> = Vec::with_capacity(array.nrows());
-    for row in array.rows() {
-        let row = match (row.len(), common) {
+    let mut rows = Vec::with_capacity(array.nrows());
+    for (index, row) in array.rows().into_iter().enumerate() {
+        let row: [f64; 17] = match (row.len(), common) {
             (17, _) => std::array::from_fn(|i| row[i]),
             (14, Some(common)) => std::array::from_fn(|i| match (i, i % 5) {
                 (15.., _) => row[i - 3],
@@ -90,15 +90,13 @@ pub(super) fn parse(path: &Path, bytes: &[u8], common: Option<Intrinsics23>) -> 
             (14, None) => return Err(wrong("rows of 14 numbers lack size and focal length".to_owned())),
             _ => return Err(wrong(format!("the array has shape {:?}", array.shape()))),
         };
-        rows.push(row);
-    }
-    for (index, row) in rows.iter().enumerate() {
         for (name, value) in [("height", row[4]), ("width", row[9])] {
             if !(1.0..=1e9).contains(&value) {
                 let what = format!("row {index}: {name} is {value}");
                 return Err(SceneError::malformed(path, what, "a number of pixels"));
             }
         }
+        rows.push(row);
     }
     Ok(rows)
 }
