@@ -52,7 +52,7 @@ pub struct CameraFile {
 pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
     let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
     let file = read_json(path)?;
-    let path_frames = nerfstudio_frames(&file);
+    let path_frames = file.get("camera_path").and_then(Value::as_array);
     let frames = file.get("frames").and_then(Value::as_array);
     let list = path_frames.or(frames).or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
@@ -256,11 +256,6 @@ fn similarity(of: &Value, matrix: &str, scale: &str) -> Result<(DMat3, DVec3, f6
     Ok((rotation, translation, factor))
 }
 
-/// The frames of a path, if the file is one.
-fn nerfstudio_frames(file: &Value) -> Option<&Vec<Value>> {
-    file.get("camera_path")?.as_array()
-}
-
 /// The camera of one of the frames of a path.
 fn nerfstudio_camera(file: &Value, frame: &Value) -> Result<Camera, String> {
     if let Some(kind) = file.get("camera_type").filter(|kind| *kind != "perspective") {
@@ -342,7 +337,7 @@ mod tests {
         });
         let file =
             json!({ "camera_type": "perspective", "render_width": 64, "render_height": 32, "camera_path": [frame] });
-        let camera = nerfstudio_camera(&file, &nerfstudio_frames(&file).unwrap()[0]).unwrap();
+        let camera = nerfstudio_camera(&file, &file["camera_path"][0]).unwrap();
         assert!(camera.centre().abs_diff_eq(DVec3::new(1.0, 2.0, 3.0), 1e-12));
         assert!(camera.forward().abs_diff_eq(-DVec3::X, 1e-12), "{}", camera.forward());
         let Intrinsics { fx, fy, cx, cy, .. } = camera.intrinsics();
