@@ -19,34 +19,15 @@ use crate::arguments::{Object, field, matrix, some, value, vector, whole};
 #[derive(Clone, PartialEq)]
 pub(crate) struct Camera(pub(crate) liveview::Camera);
 
-/// The convention of a pose.
-#[derive(Clone, Copy)]
-pub(crate) enum Convention {
-    /// `cam_from_world`, x right, y down, z forward.
-    OpenCv,
-    /// `world_from_cam`, x right, y up, z backwards.
-    OpenGl,
-}
+/// A camera of K, a pose and a size.
+type Posed = fn([[f64; 3]; 3], [[f64; 4]; 4], Size) -> Result<liveview::Camera, CameraError>;
 
-impl Convention {
-    pub(crate) fn parse(text: &str) -> PyResult<Self> {
-        match text {
-            "opencv" => Ok(Self::OpenCv),
-            "opengl" => Ok(Self::OpenGl),
-            _ => Err(value("convention", format!("{text:?}; expected \"opencv\" or \"opengl\""))),
-        }
-    }
-
-    pub(crate) fn camera(
-        self,
-        k: [[f64; 3]; 3],
-        pose: [[f64; 4]; 4],
-        size: Size,
-    ) -> Result<liveview::Camera, CameraError> {
-        match self {
-            Self::OpenCv => liveview::Camera::from_opencv(k, pose, size),
-            Self::OpenGl => liveview::Camera::from_opengl(k, pose, size),
-        }
+/// What makes a camera of a pose in a convention.
+pub(crate) fn posed(convention: &str) -> PyResult<Posed> {
+    match convention {
+        "opencv" => Ok(liveview::Camera::from_opencv),
+        "opengl" => Ok(liveview::Camera::from_opengl),
+        _ => Err(value("convention", format!("{convention:?}; expected \"opencv\" or \"opengl\""))),
     }
 }
 
@@ -72,9 +53,9 @@ impl Camera {
         height: &Object<'_>,
         convention: &str,
     ) -> PyResult<Self> {
-        let convention = Convention::parse(convention)?;
+        let posed = posed(convention)?;
         let size = Size::new(whole("width", width)?, whole("height", height)?);
-        let camera = convention.camera(matrix("k", k)?, matrix("pose", pose)?, size);
+        let camera = posed(matrix("k", k)?, matrix("pose", pose)?, size);
         Ok(Self(camera.map_err(|error| refused(&error, ["k", "pose", "width, height"]))?))
     }
 
@@ -117,12 +98,12 @@ impl Camera {
     /// [4, 4] float64, as the constructor takes it.
     #[pyo3(signature = (convention = "opencv"))]
     fn pose<'py>(&self, py: Python<'py>, convention: &str) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (axes, origin) = match Convention::parse(convention)? {
-            Convention::OpenCv => (self.0.rotation(), self.0.translation()),
-            Convention::OpenGl => {
-                let rows = self.0.rotation().transpose();
-                (DMat3::from_cols(rows.x_axis, -rows.y_axis, -rows.z_axis), self.0.centre())
-            }
+        posed(convention)?;
+        let (axes, origin) = if convention == "opencv" {
+            (self.0.rotation(), self.0.translation())
+        } else {
+            let rows = self.0.rotation().transpose();
+            (DMat3::from_cols(rows.x_axis, -rows.y_axis, -rows.z_axis), self.0.centre())
         };
         let row = |i: usize| [axes.row(i).x, axes.row(i).y, axes.row(i).z, origin[i]];
         Ok(arr2(&[row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]).into_pyarray(py))
@@ -138,7 +119,7 @@ impl Camera {
     #[pyo3(signature = (pose, *, convention = "opencv"))]
     fn with_pose(&self, pose: &Object<'_>, convention: &str) -> PyResult<Self> {
         let k = self.0.k().transpose().to_cols_array_2d();
-        let moved = Convention::parse(convention)?.camera(k, matrix("pose", pose)?, self.0.size());
+        let moved = posed(convention)?(k, matrix("pose", pose)?, self.0.size());
         Ok(Self(moved.map_err(|error| value("pose", error))?))
     }
 
@@ -174,7 +155,8 @@ pub(crate) fn camera(name: &str, argument: &Object<'_>) -> PyResult<liveview::Ca
         |word: &str| field(word)?.extract::<usize>().map_err(|_| value(&of(word), "expected a whole number of pixels"));
     let (width, height) = (side("width")?, side("height")?);
     let row = |i: usize| [rotation[i][0], rotation[i][1], rotation[i][2], translation[i]];
-    let camera = Convention::OpenCv.camera(k, [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]], Size::new(width, height));
+    let pose = [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]];
+    let camera = liveview::Camera::from_opencv(k, pose, Size::new(width, height));
     camera.map_err(|error| value(name, error))
 }
 

@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use crate::arguments::{
     Object, Sides, as_array, expect, kind, library, matrix, some, value, vector, view_index, whole,
 };
-use crate::camera::{Camera, Convention, refused};
+use crate::camera::{Camera, posed, refused};
 use crate::engine::compute;
 use crate::frame::picture_array;
 
@@ -57,7 +57,7 @@ impl Scene {
         convention: &str,
         names: Option<Vec<String>>,
     ) -> PyResult<Self> {
-        let convention = Convention::parse(convention)?;
+        let posed = posed(convention)?;
         let photos = some("photos", photos)?;
         let count = photos.len();
         let pictures = photos.iter().map(|(name, photo)| picture(name, photo)).collect::<PyResult<Vec<_>>>()?;
@@ -71,7 +71,7 @@ impl Scene {
         let mut views = Vec::with_capacity(count);
         for (index, (name, picture)) in names.into_iter().zip(pictures).enumerate() {
             let [(k_name, k), (pose_name, pose)] = [&ks[index], &poses[index]];
-            let camera = convention.camera(matrix(k_name, k)?, matrix(pose_name, pose)?, picture.size());
+            let camera = posed(matrix(k_name, k)?, matrix(pose_name, pose)?, picture.size());
             let camera = camera.map_err(|error| refused(&error, [k_name, pose_name, &photos[index].0]))?;
             views.push((name, picture, camera));
         }
@@ -142,7 +142,7 @@ pub(crate) fn undistort<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f32>>> {
     let picture = picture("photo", photo)?;
     let here = liveview::glam::DMat4::IDENTITY.to_cols_array_2d();
-    let camera = Convention::OpenCv.camera(matrix("k", k)?, here, picture.size());
+    let camera = liveview::Camera::from_opencv(matrix("k", k)?, here, picture.size());
     let camera = camera.map_err(|error| refused(&error, ["k", "k", "photo"]))?;
     let given = vector("distortion", distortion, "n")?.to_vec();
     let is_right = given.len() == 4 || !fisheye && [5, 8].contains(&given.len());
