@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use liveview::ImageRgb;
-use liveview::geometry::Size;
 use liveview_scene::cameras::CameraPath;
 use liveview_scene::undistorted;
 use liveview_synthesizer::{SceneOptions, Targets};
@@ -163,19 +162,17 @@ fn of_each<'py>(name: &str, argument: &Object<'py>, count: usize) -> PyResult<Ve
 pub(crate) fn picture(name: &str, argument: &Object<'_>) -> PyResult<ImageRgb> {
     let array = as_array(name, argument)?;
     let is_u8 = array.dtype().to_string() == "uint8";
-    let (mut sides, shape) = (Sides::default(), "h w 3");
     let picture = if is_u8 {
-        let found: PyReadonlyArray<'_, u8, Ix3> = sides.array(name, array.as_any(), shape)?;
+        let found: PyReadonlyArray<'_, u8, Ix3> = Sides::default().array(name, array.as_any(), "h w 3")?;
         ImageRgb::from_array_u8(found.as_array())
     } else {
         if array.dtype().to_string() != "float32" {
             return Err(kind(name, format!("the array is {}; expected uint8 or float32", array.dtype())));
         }
-        let found: PyReadonlyArray<'_, f32, Ix3> = sides.array(name, array.as_any(), shape)?;
+        let found: PyReadonlyArray<'_, f32, Ix3> = Sides::default().array(name, array.as_any(), "h w 3")?;
         in_range(name, found.as_array())?;
         ImageRgb::from_array(found.as_array())
     };
-    debug_assert_eq!(picture.as_ref().ok().map(ImageRgb::size), Some(Size::new(sides.length('w'), sides.length('h'))));
     picture.map_err(|error| value(name, error))
 }
 
