@@ -48,16 +48,6 @@ pub enum LayerSpec {
     List(Vec<f64>),
 }
 
-/// Why a text is not a [`LayerSpec`].
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is not a choice of layers: {reason}")]
-pub struct LayerSpecError {
-    /// The text.
-    pub text: String,
-    /// What is wrong with it, and what was expected.
-    pub reason: String,
-}
-
 impl LayerSpec {
     /// The paper's layers: 16 planes selected from 64.
     pub const PAPER: Self = Self::Select { keep: 16, from: SELECT_FROM };
@@ -91,10 +81,10 @@ impl LayerSpec {
 }
 
 impl FromStr for LayerSpec {
-    type Err = LayerSpecError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, LayerSpecError> {
-        parse(text).map_err(|reason| LayerSpecError { text: text.to_owned(), reason })
+    fn from_str(text: &str) -> Result<Self, String> {
+        parse(text).map_err(|reason| format!("{text:?} is not a choice of layers: {reason}"))
     }
 }
 
@@ -177,7 +167,7 @@ mod tests {
             ("list:0.1,0.2", "nearer than the one before it"),
         ];
         for (text, expected) in cases {
-            let message = text.parse::<LayerSpec>().unwrap_err().to_string();
+            let message = text.parse::<LayerSpec>().unwrap_err();
             assert!(message.contains(expected) && message.contains(text), "{message}");
         }
     }

@@ -34,7 +34,7 @@ pub use error::SynthesisError;
 pub use find_layers::{
     Carried, FrameInput, LayerSource, PhotosWithDepth, Plan, Selection, cover_planes, find_layers, select_planes,
 };
-pub use layer_spec::{LayerSpec, LayerSpecError, MAX_LAYERS};
+pub use layer_spec::{LayerSpec, MAX_LAYERS};
 // Targets are cameras, and paths of them; pictures come back.
 pub use liveview::{Camera, Frame, ImageRgb};
 pub use liveview_scene::{Scene, SceneOptions};
