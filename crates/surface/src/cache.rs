@@ -72,7 +72,7 @@ impl DepthCache {
     /// What is wrong with the file, in one line, which names it.
     pub fn load(&self, key: &DepthKey) -> Result<Option<PhotoDisparity>, String> {
         let path = self.path(key);
-        let bytes = match bounded::read_regular(&path, max_bytes(key)) {
+        let bytes = match bounded::read_regular(&path, 4 * key.size.pixels() as u64 + OVERHEAD) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(format!("{}: cannot be read: {error}", path.display())),
@@ -188,11 +188,6 @@ fn root_cause(mut error: &dyn Error) -> String {
         error = source;
     }
     error.to_string()
-}
-
-/// Upper bound of the bytes of the file of a depth.
-fn max_bytes(key: &DepthKey) -> u64 {
-    4 * key.size.pixels() as u64 + OVERHEAD
 }
 
 /// The bytes of the file of a depth.
