@@ -110,7 +110,10 @@ impl SceneViews {
         let mut near = self.given.0.or_else(|| known().map(|range| range.0).reduce(f64::min));
         let mut far = self.given.1.or_else(|| known().map(|range| range.1).reduce(f64::max));
         if near.is_none() || far.is_none() {
-            let found = self.found(held_out)?;
+            if self.found.get().is_none() {
+                let _ = self.found.set(found_range(&self.scene, &self.all_but(held_out))?);
+            }
+            let found = self.found.get().copied().flatten();
             near = near.or(found.map(|range| range.0));
             far = far.or(found.map(|range| range.1));
         }
@@ -120,15 +123,6 @@ impl SceneViews {
         };
         uniform_disparities(near, far, 2)?;
         Ok((near, far))
-    }
-
-    /// The range found from the photos of the views that are not held out.
-    fn found(&self, held_out: &[usize]) -> Result<Option<(f64, f64)>, SynthesisError> {
-        if self.found.get().is_none() {
-            let found = found_range(&self.scene, &self.all_but(held_out))?;
-            let _ = self.found.set(found);
-        }
-        Ok(self.found.get().copied().flatten())
     }
 
     /// Whether the range was found from the photos, since neither the options nor the scene give
