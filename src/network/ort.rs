@@ -7,7 +7,7 @@ use std::sync::Arc;
 use ndarray::{ArrayView4, ArrayViewMut4};
 use ort::session::builder::SessionBuilder;
 use ort::session::{RunOptions, Session};
-use ort::value::{Outlet, TensorRef, ValueType};
+use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 
 use super::execution_provider::{ExecutionProvider, Precision};
 use super::model_card::{ModelCard, read_card};
@@ -161,26 +161,20 @@ pub(crate) fn check_outlets(
 ) -> Result<(), NetworkError> {
     if let [(name, dtype)] = outlets
         && *name == expected
-        && has_shape(dtype, channels)
+        && let ValueType::Tensor { ty: TensorElementType::Float32, shape, .. } = dtype
+        && shape.len() == 4
+        && shape[1] == channels as i64
+        && [0, 2, 3].iter().all(|&axis| shape[axis] == -1)
     {
         return Ok(());
     }
-    let found =
-        outlets.iter().map(|(name, dtype)| format!("{name} {}", describe(dtype))).collect::<Vec<_>>().join(", ");
+    let described = outlets.iter().map(|(name, dtype)| match dtype {
+        ValueType::Tensor { ty, shape, .. } => format!("{name} {ty:?} {:?}", shape.iter().collect::<Vec<_>>()),
+        other => format!("{name} {other:?}"),
+    });
+    let found = described.collect::<Vec<_>>().join(", ");
     let field = if expected == "hwv" { "the input" } else { "the output" };
     Err(unfit(path, field, found, format!("{expected} f32 [n, {channels}, h, w] with n, h and w free")))
-}
-
-fn has_shape(dtype: &ValueType, channels: usize) -> bool {
-    let ValueType::Tensor { ty: ort::value::TensorElementType::Float32, shape, .. } = dtype else { return false };
-    shape.len() == 4 && shape[1] == channels as i64 && [0, 2, 3].iter().all(|&axis| shape[axis] == -1)
-}
-
-fn describe(dtype: &ValueType) -> String {
-    match dtype {
-        ValueType::Tensor { ty, shape, .. } => format!("{ty:?} {:?}", shape.iter().collect::<Vec<_>>()),
-        other => format!("{other:?}"),
-    }
 }
 
 /// Ends a network's runs from another thread.
