@@ -7,7 +7,6 @@ use liveview::geometry::TooFewViews;
 use liveview::layers::LayersError;
 use liveview::network::{NetworkError, OrtLibraryError};
 use liveview::render::RenderError;
-use liveview_files::memory::MemoryError;
 use liveview_scene::SceneError;
 use liveview_scene::cameras::CameraPathError;
 
@@ -77,15 +76,8 @@ pub enum SynthesisError {
     #[error(transparent)]
     Network(#[from] NetworkError),
     /// A target, or the search for a photo's depth, needs more memory than is available.
-    #[error("{what} {source}; expected {expected}")]
-    Memory {
-        /// The target or the photo, and its size.
-        what: String,
-        /// How much memory.
-        source: MemoryError,
-        /// What needs less.
-        expected: &'static str,
-    },
+    #[error("{0}")]
+    Memory(String),
     /// The network failed.
     #[error(transparent)]
     Render(#[from] RenderError),

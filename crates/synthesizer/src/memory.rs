@@ -40,7 +40,8 @@ pub(super) fn check(
         let largest = photos.max_by_key(|view| view.camera.size().pixels());
         let photo = largest.map(|view| format!("{} ({})", view.name, view.camera.size())).unwrap_or_default();
         let what = format!("{}: a picture of {} from photos such as {photo}", shot.name, shot.target.size());
-        SynthesisError::Memory { what, source, expected: "a smaller target, smaller photos or fewer layers at once" }
+        let expected = "a smaller target, smaller photos or fewer layers at once";
+        SynthesisError::Memory(format!("{what} {source}; expected {expected}"))
     })
 }
 
@@ -53,7 +54,7 @@ pub(crate) fn check_search(scene: &Scene, searched: &[usize], range: (f64, f64))
     memory::check(bytes as u64, rayon::current_num_threads()).map_err(|source| {
         let View { name, camera, .. } = &scene.views[searched[0]];
         let what = format!("{name}: the search for the depth of {}", camera.size());
-        SynthesisError::Memory { what, source, expected: "smaller photos" }
+        SynthesisError::Memory(format!("{what} {source}; expected smaller photos"))
     })
 }
 
