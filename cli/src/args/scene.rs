@@ -114,7 +114,8 @@ impl TargetArgs {
 
 /// Reads the cameras of a file; prints a note if their axes had to be assumed.
 pub(crate) fn cameras_of(file: &Path, views: &SceneViews) -> Result<Vec<Camera>> {
-    let CameraFile { cameras, note } = read_cameras(file, &views.all_cameras(), &views.scene().root)?;
+    let CameraFile { cameras, note } =
+        read_cameras(file, &views.all_cameras(), &views.scene().root).map_err(anyhow::Error::msg)?;
     print_notes(note.as_slice());
     Ok(cameras)
 }

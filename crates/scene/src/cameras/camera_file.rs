@@ -44,20 +44,19 @@ pub struct CameraFile {
 ///
 /// # Errors
 ///
-/// [`CameraFileError`], naming the file, the camera and the field.
+/// The file, the camera and the field, and what was expected.
 ///
 /// # Panics
 ///
 /// If there are no views.
-pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, CameraFileError> {
-    let refused = |index, reason| CameraFileError { path: path.to_owned(), index, reason };
+pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<CameraFile, String> {
     let file = read_json(path)?;
     let path_frames = file.get("camera_path").and_then(Value::as_array);
     let frames = file.get("frames").and_then(Value::as_array);
     let list = path_frames.or(frames).or(file.as_array());
     let entries = list.map_or_else(|| std::slice::from_ref(&file), Vec::as_slice);
     if entries.is_empty() {
-        return Err(refused(None, "the list of cameras is empty; expected at least one".to_owned()));
+        return Err(format!("{}: the list of cameras is empty; expected at least one", path.display()));
     }
     let axes = path_frames.map(|_| TrainedFromScene::find(path, scene)).transpose()?;
     let read = |entry| match &axes {
@@ -66,9 +65,11 @@ pub fn read_cameras(path: &Path, views: &[&Camera], scene: &Path) -> Result<Came
         Some(None) => nerfstudio_camera(&file, entry),
         Some(Some(axes)) => axes.camera(&nerfstudio_camera(&file, entry)?).map_err(|error| error.to_string()),
     };
-    let index = |index: usize| list.is_some().then_some(index);
+    let place = |at: usize| {
+        if list.is_some() { format!("{}: camera {at}", path.display()) } else { path.display().to_string() }
+    };
     let cameras =
-        entries.iter().enumerate().map(|(at, entry)| read(entry).map_err(|reason| refused(index(at), reason)));
+        entries.iter().enumerate().map(|(at, entry)| read(entry).map_err(|reason| format!("{}: {reason}", place(at))));
     let cameras = cameras.collect::<Result<_, _>>()?;
     let note = axes.map(|axes| match axes {
         Some(axes) => format!("converted from nerfstudio's axes to the scene's by {}", axes.file.display()),
@@ -139,25 +140,12 @@ fn camera_of_frame(file: &Value, frame: &Value, views: &[&Camera]) -> Result<Cam
     }
 }
 
-/// Why a file of cameras was refused.
-#[derive(Debug, thiserror::Error)]
-#[error("{}{}: {reason}", path.display(), index.map(|index| format!(": camera {index}")).unwrap_or_default())]
-pub struct CameraFileError {
-    /// The file.
-    pub path: PathBuf,
-    /// Which camera of its list.
-    pub index: Option<usize>,
-    /// What is wrong, and what was expected.
-    pub reason: String,
-}
-
 /// The JSON of a file.
-pub(crate) fn read_json(path: &Path) -> Result<Value, CameraFileError> {
-    let failed = |reason| CameraFileError { path: path.to_owned(), index: None, reason };
+pub(crate) fn read_json(path: &Path) -> Result<Value, String> {
     let bytes = bounded::read(path, bounded::MAX_JSON_BYTES);
-    let bytes = bytes.map_err(|error| failed(format!("cannot be read: {error}")))?;
+    let bytes = bytes.map_err(|error| format!("{}: cannot be read: {error}", path.display()))?;
     serde_json::from_slice(bounded::without_byte_order_mark(&bytes))
-        .map_err(|error| failed(format!("not JSON: {error}")))
+        .map_err(|error| format!("{}: not JSON: {error}", path.display()))
 }
 
 /// As [`split_json_matrix`], with an error for `key`.
@@ -216,20 +204,18 @@ impl TrainedFromScene {
     /// # Errors
     ///
     /// The file, the field and what was expected.
-    pub(crate) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, CameraFileError> {
+    pub(crate) fn find(path: &Path, scene: &Path) -> Result<Option<Self>, String> {
         let mut files = [path.with_file_name(FILE), scene.join(FILE)].into_iter();
         let Some(file) = files.find(|file| file.is_file()) else { return Ok(None) };
         let applied = scene.join("transforms.json");
         let of_scene = if applied.is_file() { read_json(&applied)? } else { Value::Null };
         let given = read_json(&file)?;
         if given.get("transform").is_none() {
-            let reason = "expected \"transform\" and \"scale\"".to_owned();
-            return Err(CameraFileError { path: file, index: None, reason });
+            return Err(format!("{}: expected \"transform\" and \"scale\"", file.display()));
         }
-        let refused = |path: &Path, reason| CameraFileError { path: path.to_owned(), index: None, reason };
-        let r = similarity(&given, "transform", "scale").map_err(|reason| refused(&file, reason))?;
+        let r = similarity(&given, "transform", "scale").map_err(|reason| format!("{}: {reason}", file.display()))?;
         let a = similarity(&of_scene, "applied_transform", "applied_scale");
-        let a = a.map_err(|reason| refused(&applied, reason))?;
+        let a = a.map_err(|reason| format!("{}: {reason}", applied.display()))?;
         let rotation = r.0 * a.0.transpose();
         let (scale, translation) = (r.2 / a.2, r.1 - rotation * a.1);
         Ok(Some(Self { rotation, translation, scale, file }))
@@ -324,7 +310,8 @@ mod tests {
             (json!({ "transform": transform, "scale": 0 }), "scale is 0"),
         ] {
             fs::write(root.path().join(FILE), wrong.to_string()).unwrap();
-            let CameraFileError { path: file, reason, .. } = TrainedFromScene::find(&path, &scene).unwrap_err();
+            let refused = TrainedFromScene::find(&path, &scene).unwrap_err();
+            let (file, reason) = refused.split_once(": ").unwrap();
             assert!(file.ends_with(FILE) && reason.contains(word), "{reason}");
         }
     }

@@ -3,5 +3,5 @@
 pub(crate) mod camera_file;
 mod camera_path;
 
-pub use camera_file::{CameraFile, CameraFileError, camera_from_json, read_cameras};
+pub use camera_file::{CameraFile, camera_from_json, read_cameras};
 pub use camera_path::{CameraPath, CameraPathError, MeanPose, interpolated_path};
