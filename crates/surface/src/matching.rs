@@ -175,13 +175,9 @@ fn path(costs: &Array3<f32>, penalties: Penalties, backwards: bool) -> Array3<f3
     let all = total.as_slice_mut().expect("standard order");
     let mut best = vec![0.0; lanes];
     for step in 1..steps {
-        let (before, here) = if backwards {
-            let (here, before) = all.split_at_mut((steps - step) * size);
-            (&before[..size], &mut here[(steps - step - 1) * size..])
-        } else {
-            let (before, here) = all.split_at_mut(step * size);
-            (&before[(step - 1) * size..], &mut here[..size])
-        };
+        let at = if backwards { steps - step } else { step };
+        let (first, second) = all[(at - 1) * size..(at + 1) * size].split_at_mut(size);
+        let (before, here) = if backwards { (second, first) } else { (first, second) };
         advance(before, here, &mut best, penalties);
     }
     total
