@@ -10,6 +10,7 @@ use std::time::Duration;
 use anyhow::Result;
 use liveview::network::RunEnd;
 use liveview_files::unfinished;
+use liveview_live::ffmpeg::end_reading;
 pub(crate) use liveview_live::interrupt::{Interrupted, requested};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
@@ -86,6 +87,7 @@ pub(crate) fn start() -> Result<()> {
 /// Deletes unfinished files and ends the program.
 fn end(exit: impl FnOnce()) -> ! {
     unfinished::delete_all();
+    end_reading();
     exit();
     low_level::abort()
 }

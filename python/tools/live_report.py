@@ -30,7 +30,7 @@ PAPER = "select:16/64"  # its default policy is the paper's
 
 def policies(specs: list[str]) -> dict[str, list[str]]:
     """The policies to compare, DENSE first: name -> options of `liveview video`."""
-    pairs = itertools.product(specs, ("each", "every:4", "propagate"))
+    pairs = itertools.product(specs, ("each", "propagate"))
     searched = {f"{layers} {policy}": ["--layers", layers, "--policy", policy] for layers, policy in pairs}
     return {DENSE: ["--layers", DENSE], PAPER: ["--layers", PAPER], **searched}
 

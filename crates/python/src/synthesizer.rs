@@ -180,8 +180,7 @@ pub(crate) fn installed(py: Python<'_>) -> PyResult<Option<PathBuf>> {
 /// reuses: the depth of a photo where it stays the same, or the planes that were selected.
 ///
 /// `near`, `far`: depth range, scene units. `views`, `layers`, `network`: as of `Synthesizer`.
-/// `policy`: when layers are searched: "propagate", where the photos have changed; "each" step;
-/// "every:5"; "once". By default "propagate", and "once" for planes.
+/// `policy`: when layers are searched: "propagate", where the photos have changed; "each" step; "once". By default "propagate", and "once" for planes.
 #[pyclass(frozen, module = "liveview")]
 pub(crate) struct LiveSession(Mutex<Steps>);
 
@@ -213,12 +212,8 @@ impl LiveSession {
         let given = layers.is_some();
         let (renderer, layers) = (opened.renderer, opened.layers);
         check_views(options.views, &renderer)?;
-        let default = Policy::default_for(&layers);
-        if policy == Some(Policy::Propagate) && default != Policy::Propagate {
-            return Err(value("policy", format!("propagate: {layers} have no depth; expected each, every:N or once")));
-        }
+        let policy = Policy::for_layers(policy, &layers).map_err(|error| value("policy", error))?;
         let mut settings = LiveSettings::new(near, far);
-        let policy = policy.unwrap_or(default);
         let layers = if given { layers } else { policy.layers_by_default(layers) };
         (settings.layers, settings.policy) = (layers, policy);
         let session = session::LiveSession::new(cameras, vec![renderer], settings);
@@ -237,7 +232,7 @@ impl LiveSession {
             let photos: Vec<Option<&ImageRgb>> = photos.iter().map(Option::as_ref).collect();
             let mut steps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             let found = steps.session.render(&photos, &target).map_err(|error| match error {
-                LiveError::Photos { .. } | LiveError::Size { .. } => value("photos", error),
+                LiveError::Photos(_) => value("photos", error),
                 _ => library(error),
             })?;
             steps.rendered += 1;

@@ -15,11 +15,13 @@ use anyhow::anyhow;
 use liveview::ImageRgb;
 use liveview_synthesizer::Scene;
 
-use liveview_live::ffmpeg::ProcessHandle;
+use liveview_live::ffmpeg::end_reading;
 use liveview_live::rig::{Delivered, Feed, Reader};
 
 /// Frames that a camera may be read ahead of the others.
 const READ_AHEAD: usize = 2;
+/// How long all cameras may deliver nothing before a video of running cameras ends.
+const MAX_SILENCE: Duration = Duration::from_secs(30);
 /// The first wanted step once the video is over.
 const NO_STEP: usize = usize::MAX;
 
@@ -53,8 +55,13 @@ impl Clock {
 pub(super) struct Step {
     pub(super) index: usize,
     /// By camera; `None` for a camera that has delivered none, or that is not read.
-    pub(super) photos: Vec<Option<ImageRgb>>,
+    pub(super) photos: Vec<Option<Photo>>,
+    /// How long it waited for them.
+    pub(super) waited: Duration,
 }
+
+/// A photo, and when it arrived; if it is read from a file for a live video, when it was due.
+pub(super) type Photo = (ImageRgb, Instant);
 
 /// Frames that cameras did not deliver.
 #[derive(Debug, Default)]
@@ -87,8 +94,6 @@ pub(super) struct Gathering {
     pub(super) faults: Mutex<Faults>,
     /// The first wanted step: readers skip earlier ones.
     pub(super) wanted: AtomicUsize,
-    /// ffmpeg processes of the cameras that are video files.
-    pub(super) decoders: Mutex<Vec<ProcessHandle>>,
 }
 
 impl Gathering {
@@ -108,7 +113,7 @@ impl Gathering {
             }
             this.gather(&mut cameras, &sender);
             this.wanted.store(NO_STEP, Ordering::Relaxed);
-            this.lock_decoders().iter().for_each(ProcessHandle::kill);
+            end_reading();
         });
         steps
     }
@@ -118,9 +123,6 @@ impl Gathering {
             Ok(reader) => reader,
             Err(error) => return self.reason(camera, &format!("{error:#}")),
         };
-        let decoder = reader.decoder();
-        let is_video = decoder.is_some();
-        self.lock_decoders().extend(decoder);
         for step in 0..self.steps.start {
             match reader.skip(step) {
                 Ok(true) if !self.is_over() => {}
@@ -144,15 +146,16 @@ impl Gathering {
             }
             let started = Instant::now();
             let photo = match self.read(&mut reader, camera, step) {
-                Ok(Delivered::Photo(photo)) => Some(photo),
+                Ok(Delivered::Photo(photo, arrived)) => Some((photo, arrived)),
                 Ok(Delivered::Ended) => return,
                 Ok(Delivered::Missing) => {
-                    self.fault(camera, &format!("frame {step} is missing"));
+                    let what = if self.feeds[camera].source().is_some() { "was late" } else { "is missing" };
+                    self.fault(camera, &format!("frame {step} {what}"));
                     None
                 }
                 Err(_) if self.is_over() => return,
                 // A video cannot be read beyond an error.
-                Err(error) if is_video => return self.reason(camera, &format!("{error:#}")),
+                Err(error) if self.feeds[camera].is_video() => return self.reason(camera, &format!("{error:#}")),
                 Err(error) => {
                     self.fault(camera, &format!("{error:#}"));
                     None
@@ -165,17 +168,21 @@ impl Gathering {
     }
 
     fn read(&self, reader: &mut Reader, camera: usize, step: usize) -> anyhow::Result<Delivered> {
-        let photo = match reader.read(step)? {
-            Delivered::Photo(photo) => photo,
-            nothing => return Ok(nothing),
+        let source = self.feeds[camera].source();
+        let delivered = match (source, self.clock) {
+            (Some(source), Some(clock)) => source.frame_at(clock.due(step), clock.period, clock.latency / 2),
+            _ => reader.read(step)?,
         };
+        let Delivered::Photo(photo, arrived) = delivered else { return Ok(delivered) };
+        let arrived = self.clock.filter(|_| source.is_none()).map_or(arrived, |clock| clock.due(step));
         let size = (photo.width(), photo.height());
         let photo = self.scene.fit(camera, photo);
         let wrong = |_| anyhow!("frame {step} is {}x{}, not the size of the others", size.0, size.1);
-        Ok(Delivered::Photo(photo.map_err(wrong)?))
+        Ok(Delivered::Photo(photo.map_err(wrong)?, arrived))
     }
 
     fn gather(&self, cameras: &mut [Camera], steps: &SyncSender<Step>) {
+        let mut delivered = Instant::now();
         for index in self.steps.clone() {
             if self.clock.is_some_and(|clock| clock.is_stale(index)) {
                 continue;
@@ -184,7 +191,8 @@ impl Gathering {
             if let Some(clock) = self.clock {
                 sleep(clock.due(index).saturating_duration_since(Instant::now()));
             }
-            let mut photos: Vec<Option<ImageRgb>> = self.feeds.iter().map(|_| None).collect();
+            let mut photos: Vec<Option<Photo>> = self.feeds.iter().map(|_| None).collect();
+            let started = Instant::now();
             let late = await_photos(cameras, index, self.clock.map(|clock| clock.latency), &self.stop, &mut photos);
             late.iter().for_each(|&camera| self.fault(camera, &format!("frame {index} was late")));
             let mut sources = cameras.iter().filter(|camera| Some(camera.index) != self.truth);
@@ -192,13 +200,17 @@ impl Gathering {
             let any_ended = cameras.iter().any(|camera| camera.ended && Some(camera.index) != self.truth);
             let gone = |camera: &Camera| camera.ended || late.contains(&camera.index);
             let over = any_ended && sources.all(|camera| gone(camera) && photos[camera.index].is_none());
-            if over || self.stop.load(Ordering::Relaxed) {
+            if photos.iter().any(Option::is_some) {
+                delivered = Instant::now();
+            }
+            let silent = self.feeds.iter().any(|feed| feed.source().is_some()) && delivered.elapsed() > MAX_SILENCE;
+            if over || silent || self.stop.load(Ordering::Relaxed) {
                 return;
             }
             for camera in cameras.iter().filter(|camera| camera.ended && photos[camera.index].is_none()) {
                 self.fault(camera.index, &format!("no frames from {index} on"));
             }
-            if steps.send(Step { index, photos }).is_err() {
+            if steps.send(Step { index, photos, waited: started.elapsed() }).is_err() {
                 return;
             }
         }
@@ -206,10 +218,6 @@ impl Gathering {
 
     fn is_over(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.wanted.load(Ordering::Relaxed) == NO_STEP
-    }
-
-    fn lock_decoders(&self) -> MutexGuard<'_, Vec<ProcessHandle>> {
-        self.decoders.lock().expect("no thread panics while it holds the lock")
     }
 
     /// Counts a frame that a camera did not deliver.
@@ -238,7 +246,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// A frame from a camera's thread.
 pub(super) struct Frame {
     pub(super) step: usize,
-    pub(super) photo: Option<ImageRgb>,
+    pub(super) photo: Option<Photo>,
     /// Time to read it.
     pub(super) took: Duration,
 }
@@ -255,7 +263,7 @@ pub(super) fn await_photos(
     step: usize,
     latency: Option<Duration>,
     stop: &AtomicBool,
-    photos: &mut [Option<ImageRgb>],
+    photos: &mut [Option<Photo>],
 ) -> Vec<usize> {
     let (started, count) = (Instant::now(), cameras.len());
     let mut fastest: Option<Duration> = None;
@@ -301,7 +309,7 @@ impl Camera {
     }
 
     /// Its photo of a time step, if there is one, and the time to read it. Later frames are kept, earlier ones dropped.
-    fn frame(&mut self, step: usize) -> Result<(Option<ImageRgb>, Duration), TryRecvError> {
+    fn frame(&mut self, step: usize) -> Result<(Option<Photo>, Duration), TryRecvError> {
         loop {
             let frame = match self.early.take() {
                 Some(early) => early,
@@ -336,7 +344,11 @@ mod tests {
     }
 
     fn frame(step: usize, took: u64) -> Frame {
-        Frame { step, photo: ImageRgb::new(1, 1, vec![0.5; 3]).ok(), took: Duration::from_millis(took) }
+        Frame {
+            step,
+            photo: Some((ImageRgb::new(1, 1, vec![0.5; 3]).unwrap(), Instant::now())),
+            took: Duration::from_millis(took),
+        }
     }
 
     /// Whether each camera has delivered step 5, and which are left out.

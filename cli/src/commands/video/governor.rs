@@ -85,13 +85,6 @@ impl Governor {
         &self.levels[self.current]
     }
 
-    /// The scales of all levels.
-    pub(super) fn scales(&self) -> Vec<f64> {
-        let mut scales: Vec<f64> = self.levels.iter().map(|level| level.scale).collect();
-        scales.dedup();
-        scales
-    }
-
     /// Records the time of a frame at the current level; the new level, if it changes.
     pub(super) fn record(&mut self, took: Duration) -> Option<&Level> {
         let share = took.as_secs_f64() / self.budget.as_secs_f64();

@@ -12,30 +12,32 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
-use liveview::{Camera, ImageRgb};
+use liveview::Camera;
 use liveview_live::FrameRate;
-use liveview_live::interrupt::Interrupted;
-use liveview_live::rig::{Rig, RigSettings, SPARE_CAMERAS};
+use liveview_live::ffmpeg::{end_reading, is_address};
+use liveview_live::rig::{Rig, RigSettings, SPARE_CAMERAS, SourceClock, Sources};
 use liveview_live::session::{LiveSession, LiveSettings, Policy};
 use liveview_scene::cameras::CameraPath;
-use liveview_synthesizer::{LayerSpec, SceneViews, check_video};
+use liveview_synthesizer::{SceneViews, check_video};
 use serde_json::Value;
 
 use crate::args::numbers::{frame_range, frame_rate};
-use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of};
+use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of, write_atomically};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;
 use crate::outputs::{OutputPlan, note_other_pictures};
 use gather::{Clock, Faults, Gathering};
 use governor::Governor;
-use player::{FRAME_PREFIX, Player, Sink, frame_file, scaled};
-use report::{Scorer, Tally, summary};
+use player::{FRAME_PREFIX, Player, Sink, frame_file};
+use report::{Scorer, Tally, markdown, summary};
 
 /// Share of the time between two frames, or of the latency, for rendering; reading and writing need the rest.
 const RENDER_SHARE: f64 = 0.9;
+/// Largest age of a frame of running cameras, unless another is given.
+const LATENCY: Duration = Duration::from_millis(200);
 
 const EXAMPLES: &str = "\
 A rig is a folder with a folder of frames or a video file for each camera (cam00/0000.jpg … or
@@ -50,7 +52,10 @@ Examples:
     liveview video rig --path circle:120 -o - | ffplay -
   Live: 30 frames per second with a latency of at most 0.1 seconds, in less quality if necessary:
     liveview video rig --camera cam05 --fps 30 --latency 100ms --engine openvino \\
-        --precision int8 -o view.mp4";
+        --precision int8 -o view.mp4
+  Cameras that run, by the poses of the rig, played and measured:
+    liveview video rig --path circle:120 --source cam00=rtsp://10.0.0.5/1 \\
+        --source cam01=/dev/video0 --fps 25 --measure out -o - | ffplay -";
 
 const HEADING: &str = "Viewpoint (one of these)";
 
@@ -75,7 +80,7 @@ struct ViewpointArgs {
 pub(crate) struct VideoArgs {
     #[command(flatten)]
     viewpoint: ViewpointArgs,
-    /// Video (.mp4, .gif; needs ffmpeg), folder of frames, or - for raw y4m on standard output
+    /// Video (.mp4, .gif; needs ffmpeg), folder of frames, rtsp:// or udp://, or - for raw y4m on standard output
     #[arg(short, long, value_name = "PATH")]
     output: PathBuf,
     /// Frames per second, 1 to 1000, such as 29.97 or 30000/1001 [default: its videos' rate, else 30]
@@ -91,6 +96,20 @@ pub(crate) struct VideoArgs {
     /// then to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     latency: Option<Duration>,
+    /// Camera of the rig that runs, and what ffmpeg opens: rtsp://…, udp://…, /dev/video0, a file that grows; repeatable
+    ///
+    /// Or as "source" of its frame in transforms.json. A camera that ends or fails is started again.
+    /// The video is live, with a --latency of 200ms unless it is given.
+    #[arg(long, value_name = "NAME=URL", value_parser = source)]
+    source: Vec<(String, PathBuf)>,
+    /// What matches the frames of sources: their arrival, the time stamps of the stream, or frame numbers
+    ///
+    /// stream: of cameras that share a clock. frame: every frame, one after the other, as from files: not live.
+    #[arg(long, value_name = "CLOCK", default_value = "arrival", help_heading = ADVANCED, hide_short_help = true)]
+    clock: SourceClock,
+    /// Folder for a report: a table (.md), the same as JSON, and a line of JSON for each frame
+    #[arg(long, value_name = "FOLDER", help_heading = ADVANCED, hide_short_help = true)]
+    measure: Option<PathBuf>,
     #[command(flatten)]
     layers: LayerChoice,
     #[command(flatten)]
@@ -100,11 +119,10 @@ pub(crate) struct VideoArgs {
     /// Surface layers: do not balance the exposure and white balance of the photos
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     keep_exposure: bool,
-    /// When layers are searched again: propagate, each, every:N or once
+    /// When layers are searched again: propagate, each or once
     ///
     /// propagate: where the photos have changed (surface layers), or where they no longer agree
-    /// with the last frame's surface (guided layers). each: every frame. every:N: every Nth frame.
-    /// once: the first frame only. [default: propagate for surface and guided layers, once for
+    /// with the last frame's surface (guided layers). each: every frame. once: the first frame only. [default: propagate for surface and guided layers, once for
     /// selected planes]
     #[arg(long, help_heading = ADVANCED, hide_short_help = true)]
     policy: Option<Policy>,
@@ -129,16 +147,30 @@ fn duration(text: &str) -> Result<Duration, String> {
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a time such as 100ms or 0.2s, at most 60s".to_owned())
 }
 
+fn source(text: &str) -> Result<(String, PathBuf), String> {
+    let parts = text.split_once('=').filter(|(name, url)| !name.is_empty() && !url.is_empty());
+    let (name, url) = parts.ok_or("expected the name of a camera and what to open: cam00=rtsp://10.0.0.5/1")?;
+    Ok((name.to_owned(), url.into()))
+}
+
 /// Runs `liveview video`.
 pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
-    let rig = Rig::open(args.scene.folder(), &args.scene.options(), args.scene.depth())?;
+    let output = play(args);
+    end_reading();
+    output
+}
+
+fn play(args: &VideoArgs) -> Result<Output> {
+    let sources = Sources { given: args.source.clone(), clock: args.clock };
+    let rig = Rig::open(args.scene.folder(), &args.scene.options(), args.scene.depth(), Some(&sources))?;
+    let is_running = rig.feeds.iter().any(|feed| feed.source().is_some());
     let fps = args.fps.map_or_else(|| rig.rate(), Ok)?;
     let sink = Sink::new(&args.output, fps)?;
     print_notes(&rig.views.scene().notes);
     let viewpoint = args.viewpoint.resolve(&rig.views)?;
     let (settings, model) = job::open_rig(rig, &args.model, &args.layers, args.keep_exposure)?;
     let RigSettings { rig, renderers, with_models, mut layers, keep_exposure } = settings;
-    let policy = policy(args.policy, &layers)?;
+    let policy = Policy::for_layers(args.policy, &layers).map_err(|error| anyhow!("--policy {error}"))?;
     if args.layers.given().is_none() {
         layers = policy.layers_by_default(layers);
     }
@@ -159,7 +191,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     let (near, far) = rig.views.depth_range(&read, &[])?;
     let live_settings = LiveSettings { near, far, layers: layers.clone(), policy, keep_exposure };
     let cameras = scene.views.iter().map(|view| view.camera.clone()).collect();
-    let mut session = LiveSession::new(cameras, renderers, live_settings)?;
+    let session = LiveSession::new(cameras, renderers, live_settings)?;
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
     let all = known.and_then(|steps| steps.into_iter().max()).unwrap_or(usize::MAX);
     let steps = args.frames.clone().map_or(0..all, |range| range.start..range.end.min(all));
@@ -171,20 +203,21 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
     output_plan.protect("--poses", args.viewpoint.poses.as_deref());
     args.model.protect(&mut output_plan, model.path());
     plan_sink(&sink, &mut output_plan)?;
-    args.log.iter().try_for_each(|log| output_plan.file("--log", log))?;
+    let measured = |name: &str| args.measure.as_ref().map(|folder| folder.join(name));
+    let (log, report) = (args.log.clone().or(measured("frames.jsonl")), ["measure.md", "measure.json"].map(measured));
+    log.iter().try_for_each(|log| output_plan.file("--log", log))?;
+    report.iter().flatten().try_for_each(|file| output_plan.named_file("--measure", file))?;
     output_plan.prepare()?;
     let stop = interrupt::watch()?;
-    let tally = Tally::new(args.log.as_deref(), model.weighting_stage())?;
+    let tally = Tally::new(log.as_deref(), model.weighting_stage())?;
     let bar = progress()?.with_prefix("frames");
     if steps.end < usize::MAX {
         bar.set_length(steps.len() as u64);
     }
     let mut live = None;
-    if let Some(latency) = args.latency {
+    if let Some(latency) = args.latency.or(is_running.then_some(LATENCY)) {
         let budget = Duration::from_secs_f64(1.0 / fps.per_second()).min(latency).mul_f64(RENDER_SHARE);
         let governor = Governor::new(budget, &layers, with_models);
-        let warm = warm_up(&mut session, &read, viewpoint.camera(first), &governor);
-        warm.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error })?;
         live = Some((governor, Clock::new((first, steps.end), fps.per_second(), latency)));
     }
     // A live video is not scored: that would take too long.
@@ -199,7 +232,6 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         stop,
         faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
         wanted: AtomicUsize::new(first),
-        decoders: Mutex::default(),
     });
     let is_folder = matches!(sink, Sink::Folder { .. });
     let player = Player {
@@ -226,6 +258,10 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
         json.extend(model);
     }
     let output = Output { text: text + &model.text(), json };
+    if let [Some(table), Some(json)] = &report {
+        write_atomically(table, markdown(&output.text).as_bytes())?;
+        write_atomically(json, format!("{:#}\n", output.json).as_bytes())?;
+    }
     if played.interrupted {
         let video = file.map_or_else(|| "the video".to_owned(), |file| file.display().to_string());
         return Err(Shortened { what: format!("{video} is short, it has {frames} frames"), output }.into());
@@ -242,40 +278,10 @@ fn plan_sink(sink: &Sink, output_plan: &mut OutputPlan) -> Result<()> {
             }
             output_plan.frames("-o", path, FRAME_PREFIX, &frame_file(path, 0))
         }
+        Sink::Video(video) if is_address(video.path()) => Ok(()),
         Sink::Video(video) => output_plan.file("-o", video.path()),
         Sink::Y4m { .. } => Ok(()),
     }
-}
-
-/// The policy given, checked against the layers, or the default for these.
-fn policy(given: Option<Policy>, layers: &LayerSpec) -> Result<Policy> {
-    match given {
-        Some(Policy::Propagate) if Policy::default_for(layers) != Policy::Propagate => {
-            bail!(
-                "--policy propagate: only guided and surface layers have depth to propagate; expected each, every:N or once for {layers}"
-            )
-        }
-        Some(policy) => Ok(policy),
-        None => Ok(Policy::default_for(layers)),
-    }
-}
-
-/// Renders a picture of each size that the video may have: the first of a size takes longer than later ones.
-fn warm_up(session: &mut LiveSession, read: &[usize], target: &Camera, governor: &Governor) -> Result<()> {
-    let grey = |camera: &Camera| {
-        let (width, height) = (camera.width(), camera.height());
-        ImageRgb::new(width, height, vec![0.5; 3 * width * height])
-    };
-    let cameras = session.cameras().iter().enumerate();
-    let photos = cameras
-        .map(|(index, camera)| read.contains(&index).then(|| grey(camera)).transpose())
-        .collect::<Result<Vec<_>, _>>()?;
-    let photos: Vec<Option<&ImageRgb>> = photos.iter().map(Option::as_ref).collect();
-    for scale in governor.scales() {
-        session.render(&photos, &scaled(target, scale)?)?;
-        session.restart();
-    }
-    Ok(())
 }
 
 impl ViewpointArgs {

@@ -20,7 +20,7 @@ use super::governor::{Governor, Level};
 use super::report::{Latencies, Scorer, Tally, VideoResults};
 use crate::console::print_note;
 use indicatif::ProgressBar;
-use liveview_live::ffmpeg::{Encoder, FrameRate, is_video};
+use liveview_live::ffmpeg::{Encoder, FrameRate, is_address, is_video};
 use liveview_live::interrupt::{self, Interrupted};
 use liveview_live::rig::Feed;
 use liveview_live::session::{LiveError, LiveSession};
@@ -47,14 +47,14 @@ impl Player<'_> {
     pub(super) fn play(mut self, gathering: &Arc<Gathering>, sink: Sink) -> Result<(VideoResults, Option<PathBuf>)> {
         let started = Instant::now();
         let target = self.viewpoint.camera(0);
-        let (size, clock) = (target.size(), gathering.clock);
+        let size = target.size();
         let first = gathering.steps.start;
         let stop = Arc::clone(&gathering.stop);
         let (rendered, written) = std::thread::scope(|scope| {
             let steps = gathering.start(scope);
             let (shown, frames) = sync_channel(QUEUED_FRAMES);
             let stop = &stop;
-            let writer = scope.spawn(move || write(sink, &frames, size, clock, stop));
+            let writer = scope.spawn(move || write(sink, &frames, size, stop));
             let rendered = self.render_all(first, &steps, &shown);
             drop((steps, shown));
             (rendered, writer.join())
@@ -115,10 +115,10 @@ impl Player<'_> {
 
     /// Renders a step, or repeats the previous frame; false if the writer has stopped or the network was interrupted.
     fn render(&mut self, mut step: Step, shown: &SyncSender<WriterInput>) -> Result<bool> {
-        let truth = self.truth.and_then(|truth| step.photos[truth].take());
+        let truth = self.truth.and_then(|truth| step.photos[truth].take()).map(|(truth, _)| truth);
         let level = self.live.as_ref().map(|(governor, _)| governor.level());
         let target = scaled(self.viewpoint.camera(step.index), level.map_or(1.0, |level| level.scale))?;
-        let photos: Vec<Option<&ImageRgb>> = step.photos.iter().map(Option::as_ref).collect();
+        let photos: Vec<_> = step.photos.iter().map(|photo| photo.as_ref().map(|(photo, _)| photo)).collect();
         let frame = match self.session.render(&photos, &target) {
             Ok(frame) => frame,
             Err(error @ LiveError::Views(_)) => {
@@ -139,7 +139,7 @@ impl Player<'_> {
                 None
             }
         };
-        self.tally.add(step.index, &frame, scores)?;
+        self.tally.add(&step, &frame, scores)?;
         // The first frame of a level takes longer: its time does not count.
         let settled = std::mem::replace(&mut self.settled, true);
         let live = self.live.as_mut().filter(|_| settled);
@@ -148,12 +148,14 @@ impl Player<'_> {
             self.settled = false;
             self.changes.push((step.index + 1, level.clone()));
         }
-        Ok(shown.send(WriterInput::Frame { step: step.index, frame: Box::new(frame.frame) }).is_ok())
+        let used = frame.views.iter().filter(|_| self.live.is_some()).filter_map(|&view| step.photos[view].as_ref());
+        let arrived = used.map(|&(_, arrived)| arrived).collect();
+        Ok(shown.send(WriterInput::Frame { arrived, frame: Box::new(frame.frame) }).is_ok())
     }
 }
 
 /// The target camera with both sides of the picture scaled.
-pub(super) fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
+fn scaled(target: &Camera, scale: f64) -> Result<Camera> {
     let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
     Ok(target.with_size_scaled(side(target.width()), side(target.height()))?)
 }
@@ -176,7 +178,7 @@ pub(super) enum Sink {
         /// Number of frames written.
         frames: usize,
     },
-    /// A file, through ffmpeg.
+    /// A file or an address, through ffmpeg.
     Video(Encoder),
     /// Raw y4m on standard output.
     Y4m {
@@ -190,17 +192,17 @@ pub(super) enum Sink {
 }
 
 impl Sink {
-    /// The sink for a path: `-` is raw y4m on standard output, .mp4 and .gif are encoded by ffmpeg, all else is a folder.
+    /// The sink for a path: `-` is raw y4m on standard output, .mp4, .gif and addresses are written by ffmpeg, all else is a folder.
     pub(super) fn new(path: &Path, rate: FrameRate) -> Result<Self> {
         if path == Path::new("-") {
             return Ok(Self::Y4m { pipe: BufWriter::new(std::io::stdout()), rate, frames: 0 });
         }
-        if is_video(path) {
+        if is_address(path) || is_video(path) {
             return Ok(Self::Video(Encoder::new(path, rate, print_note)?));
         }
         if path.is_file() || path.extension().is_some() && !path.is_dir() {
             bail!(
-                "-o {}: expected a name that ends in .mp4 or .gif, a folder for the frames, or - for y4m on standard output",
+                "-o {}: expected a name that ends in .mp4 or .gif, an address, a folder for the frames, or - for y4m on standard output",
                 path.display()
             );
         }
@@ -271,8 +273,8 @@ pub(super) struct Written {
 
 /// A frame for the writer.
 pub(super) enum WriterInput {
-    /// A rendered frame, to be inpainted and scaled.
-    Frame { step: usize, frame: Box<Frame> },
+    /// A rendered frame, to be inpainted and scaled, and when each of its photos arrived, if it is live.
+    Frame { arrived: Vec<Instant>, frame: Box<Frame> },
     /// The last frame again.
     Repeat,
 }
@@ -282,7 +284,6 @@ pub(super) fn write(
     mut sink: Sink,
     frames: &Receiver<WriterInput>,
     size: Size,
-    clock: Option<Clock>,
     stop: &AtomicBool,
 ) -> Result<(Written, Sink)> {
     let mut written = Written { latencies: Latencies::new(), encoding: Duration::ZERO, frames: 0 };
@@ -292,9 +293,9 @@ pub(super) fn write(
     let (black, mut held_back) = (last.clone(), Some(0));
     for input in frames {
         let started = Instant::now();
-        let mut due = None;
-        if let WriterInput::Frame { step, frame } = input {
-            due = clock.map(|clock| clock.due(step));
+        let mut since = Vec::new();
+        if let WriterInput::Frame { arrived, frame } = input {
+            since = arrived;
             last = frame.picture();
             if last.size() != size {
                 last = last.resized(size.width, size.height)?;
@@ -312,9 +313,7 @@ pub(super) fn write(
         }
         let wanted = add(&last)?;
         written.encoding += started.elapsed();
-        if let Some(due) = due {
-            written.latencies.add(due.elapsed());
-        }
+        since.iter().for_each(|arrived| written.latencies.add(arrived.elapsed()));
         if !wanted {
             stop.store(true, Ordering::Relaxed);
             break;

@@ -14,11 +14,11 @@ use liveview_synthesizer::{LayerSpec, Score};
 use serde_json::{Value, json};
 
 use super::Viewpoint;
-use super::gather::Faults;
+use super::gather::{Faults, Step};
 use super::governor::Level;
 use super::player::Written;
 use liveview_live::resident_memory;
-use liveview_live::rig::Rig;
+use liveview_live::rig::{Rig, SourceCounts};
 use liveview_live::session::{LayerSource, LiveFrame, LiveTimes, Policy};
 
 /// Histogram of durations in milliseconds, up to ten seconds.
@@ -62,6 +62,9 @@ pub(super) struct Tally {
     pub(super) stages: [&'static str; 5],
     layer_sources: BTreeMap<String, usize>,
     refreshed: f64,
+    waited: Duration,
+    /// Frames since the last search: the sum and the most.
+    age: (usize, usize),
     spent: [Duration; 5],
     /// PSNR, SSIM and flicker: sums and counts.
     scores: [(f64, usize); 3],
@@ -85,8 +88,10 @@ impl Tally {
         Ok(Self { stages, log: log.map(open).transpose()?, ..Self::default() })
     }
 
-    pub(super) fn add(&mut self, step: usize, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
+    pub(super) fn add(&mut self, step: &Step, frame: &LiveFrame, scores: Option<Scores>) -> Result<()> {
         self.rendered += 1;
+        self.waited += step.waited;
+        self.age = (self.age.0 + frame.age, self.age.1.max(frame.age));
         self.logits_not_finite += frame.frame.logits_not_finite;
         self.covered = self.covered || frame.frame.transmittance.iter().any(|&left| left < 1.0 - 1e-6);
         *self.layer_sources.entry(frame.layer_source.to_string()).or_default() += 1;
@@ -104,7 +109,7 @@ impl Tally {
             }
         }
         self.line(json!({
-            "frame": step, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
+            "frame": step.index, "waited": step.waited.as_secs_f64(), "age": frame.age, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
             "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
         }))
     }
@@ -265,15 +270,22 @@ pub(super) fn summary(
     let shares = tally.stages.iter().zip(seconds);
     let shares: Vec<String> =
         shares.map(|(stage, spent)| format!("{stage} {:.1} ({:.0} %)", 1e3 * spent, 100.0 * spent / total)).collect();
+    let rendered = tally.rendered.max(1) as f64;
+    let (waiting, age) = (1e3 * tally.waited.as_secs_f64() / rendered, tally.age.0 as f64 / rendered);
     let writing = 1e3 * written.encoding.as_secs_f64() / written.frames.max(1) as f64;
     line(
         "times",
-        format!("{:.1} ms per frame: {}; writing, in parallel: {writing:.1}", 1e3 * total, shares.join(", ")),
+        format!(
+            "{:.1} ms per frame: {}; in parallel: waiting for cameras {waiting:.1}, writing {writing:.1}",
+            1e3 * total,
+            shares.join(", ")
+        ),
     );
     line("speed", format!("{:.1} frames per second", written.frames as f64 / wall.as_secs_f64()));
-    let percentiles = (written.latencies.percentile(0.5), written.latencies.percentile(0.99));
-    if let (Some(median), Some(most)) = percentiles {
-        line("latency", format!("median {median} ms, 99 % {most} ms"));
+    line("age", format!("{age:.1} frames since the layers were searched, on average, at most {}", tally.age.1));
+    let percentiles = [0.5, 0.95, 0.99].map(|share| written.latencies.percentile(share));
+    if let [Some(median), Some(high), Some(most)] = percentiles {
+        line("latency", format!("median {median} ms, 95 % {high} ms, 99 % {most} ms"));
     }
     for (step, level) in changes {
         line("level", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
@@ -293,6 +305,22 @@ pub(super) fn summary(
             cameras.push(json!({ "camera": feed.name, "not_delivered": count, "first": first }));
         }
     }
+    let mut sources = Vec::new();
+    for (feed, source) in rig.feeds.iter().filter_map(|feed| Some((feed, feed.source()?))) {
+        let SourceCounts { frames, unused, missing, longest_gap, late, restarts, failure } = source.counts();
+        let [gap, late] = [longest_gap, late.unwrap_or_default()].map(|time| time.as_millis());
+        let why = failure.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
+        line(
+            "source",
+            format!(
+                "{}: {frames} frames, {unused} not used, {missing} missing, at most {gap} ms apart, {late} ms late, started again {restarts} times{why}",
+                feed.name
+            ),
+        );
+        sources.push(json!({
+            "camera": feed.name, "frames": frames, "not_used": unused, "missing": missing, "longest_gap_ms": gap, "late_ms": late, "restarts": restarts, "failure": failure,
+        }));
+    }
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }
@@ -302,13 +330,21 @@ pub(super) fn summary(
         "rig": scene.root.display().to_string(), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),
         "held_out": viewpoint.truth.map(|view| &scene.views[view].name), "layers": layers.to_string(), "policy": policy.to_string(), "frames": written.frames,
         "writing_seconds_per_frame": writing / 1e3, "seconds": wall.as_secs_f64(), "excluded_border": BORDER,
-        "latency_ms": { "median": percentiles.0, "percentile_99": percentiles.1 }, "changes": changes.iter().map(change).collect::<Vec<_>>(),
+        "latency_ms": { "median": percentiles[0], "percentile_95": percentiles[1], "percentile_99": percentiles[2] }, "sources": sources,
+        "waiting_seconds_per_frame": waiting / 1e3, "age": { "mean": age, "most": tally.age.1 }, "changes": changes.iter().map(change).collect::<Vec<_>>(),
         "logits_not_finite": tally.logits_not_finite, "faults": cameras, "stopped": stopped, "file": file.map(|file| file.display().to_string()), "notes": scene.notes,
     });
     if let (Value::Object(json), Value::Object(more)) = (&mut json, more) {
         json.extend(more);
     }
     (text, json)
+}
+
+/// The report as a table.
+pub(super) fn markdown(text: &str) -> String {
+    let rows = text.lines().filter_map(|line| line.split_once(' '));
+    let rows = rows.map(|(label, content)| format!("| {label} | {} |\n", content.trim().replace('|', "\\|")));
+    format!("| | |\n|---|---|\n{}", rows.collect::<String>())
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 mod process;
 
-use std::cmp::Ordering;
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -15,10 +14,10 @@ use liveview::geometry::Size;
 use liveview_files::atomic::{AtomicFile, is_special};
 use liveview_files::has_extension;
 
-pub use process::ProcessHandle;
-pub(crate) use process::{Decoder, Process, command};
+pub(crate) use process::{Decoder, Process, command, has_ended};
+pub use process::{end_reading, is_address};
 
-/// Writes an .mp4 or .gif; the file is deleted if it is dropped without [`Encoder::finish`].
+/// Writes an .mp4 or .gif, or sends the video to an address; the file is deleted if it is dropped without [`Encoder::finish`].
 #[derive(Debug)]
 pub struct Encoder {
     path: PathBuf,
@@ -34,7 +33,8 @@ pub struct Encoder {
 struct RunningEncoder {
     process: Process,
     input: Option<ChildStdin>,
-    file: AtomicFile,
+    /// `None` for an address.
+    file: Option<AtomicFile>,
     /// Number of frames written to ffmpeg.
     frames: usize,
 }
@@ -85,6 +85,7 @@ impl Encoder {
         // ffmpeg exits at the end of its input.
         drop(input);
         process.finish().map_err(|failure| anyhow!("-o {at}: {failure}"))?;
+        let Some(file) = file else { return Ok(self.path) };
         if !is_special(&self.path) {
             let found = count_frames(file.temporary());
             let found =
@@ -102,10 +103,11 @@ impl Encoder {
     }
 
     fn start(&self, size: Size) -> Result<RunningEncoder> {
-        let file = AtomicFile::create(&self.path).map_err(|error| self.write_error(&error))?;
+        let create = || AtomicFile::create(&self.path).map_err(|error| self.write_error(&error));
+        let file = if is_address(&self.path) { None } else { Some(create()?) };
         // Absolute, because ffmpeg takes a relative path such as `a:b` for a protocol and an
         // address.
-        let temporary = std::path::absolute(file.temporary())?;
+        let temporary = file.as_ref().map(|file| std::path::absolute(file.temporary())).transpose()?;
         let Size { width, height } = size;
         let gif = has_extension(&self.path, &["gif"]);
         let mut command = command_for(&self.path)?;
@@ -131,8 +133,13 @@ impl Encoder {
                 "17",
             ]);
         }
-        command.arg(&temporary).stdin(Stdio::piped()).stdout(Stdio::null());
-        let process = Process::start(&mut command, Some(&temporary))?;
+        if file.is_none() {
+            let format = if self.path.starts_with("rtsp:") { "rtsp" } else { "mpegts" };
+            command.args(["-preset", "ultrafast", "-tune", "zerolatency", "-f", format]);
+        }
+        let temporary = temporary.as_deref();
+        command.arg(temporary.unwrap_or(&self.path)).stdin(Stdio::piped()).stdout(Stdio::null());
+        let process = Process::start(&mut command, temporary)?;
         let input = process.with_child(|child| child.stdin.take());
         Ok(RunningEncoder { process, input, file, frames: 0 })
     }
@@ -174,6 +181,11 @@ pub struct FrameRate {
 }
 
 impl FrameRate {
+    /// The lowest of these.
+    pub(crate) fn lowest(rates: impl Iterator<Item = Self>) -> Option<Self> {
+        rates.min_by(|a, b| a.per_second().total_cmp(&b.per_second()))
+    }
+
     /// The rate as a number.
     pub fn per_second(self) -> f64 {
         f64::from(self.frames) / f64::from(self.seconds)
@@ -199,19 +211,6 @@ impl FromStr for FrameRate {
             (divisor, rest) = (rest, divisor % rest);
         }
         Ok(Self { frames: frames / divisor, seconds: seconds / divisor })
-    }
-}
-
-impl Ord for FrameRate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        let crossed = |a: u32, b: u32| u64::from(a) * u64::from(b);
-        crossed(self.frames, other.seconds).cmp(&crossed(other.frames, self.seconds))
-    }
-}
-
-impl PartialOrd for FrameRate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
     }
 }
 

@@ -1,10 +1,12 @@
 //! A running ffmpeg process: reads its messages, and kills it if it hangs; and the videos that are read through one.
 
+use std::ffi::OsString;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{JoinHandle, sleep};
 use std::time::Duration;
 
@@ -23,13 +25,19 @@ const MAX_IDLE_INTERRUPTED: Duration = Duration::from_secs(10);
 /// the program is suspended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Bytes of ffmpeg's messages that are kept.
-const MAX_MESSAGE_BYTES: u64 = 2000;
+const MAX_MESSAGE_BYTES: usize = 2000;
+/// Makes ffmpeg write the time of each frame among its messages, before the frame itself: frames without metadata are left out.
+const PRINT_STAMPS: &str = "metadata=add:key=frame:value=0,metadata=print:file='pipe\\:2':direct=1";
+/// How long a time stamp may take to arrive after its frame.
+const STAMP_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// An ffmpeg process whose standard error is read, and which is killed if it hangs.
 #[derive(Debug)]
 pub(crate) struct Process {
     handle: ProcessHandle,
     messages: Option<JoinHandle<String>>,
+    /// The time stamps of frames, seconds, if ffmpeg writes them.
+    stamps: Receiver<f64>,
     watchdog: Arc<Watchdog>,
 }
 
@@ -49,14 +57,14 @@ struct Watchdog {
 impl Process {
     /// Starts the process. It is not idle while `file` grows.
     pub(crate) fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
-        Self::start_with(command, file, MAX_IDLE)
+        Self::start_with(command, file, MAX_IDLE, false)
     }
 
-    fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration) -> Result<Self> {
-        // In a process group of its own if this program handles Ctrl-C, so that a Ctrl-C in the terminal does not end
+    fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration, own_group: bool) -> Result<Self> {
+        // In a process group of its own if this program handles Ctrl-C, or will, so that a Ctrl-C in the terminal does not end
         // ffmpeg as well: it exits at the end of its input, or is killed.
         #[cfg(unix)]
-        if interrupt::flag().is_some() {
+        if interrupt::flag().is_some() || own_group {
             std::os::unix::process::CommandExt::process_group(command, 0);
         }
         let program = command.get_program().to_owned();
@@ -65,16 +73,12 @@ impl Process {
             .spawn()
             .map_err(|error| anyhow!("{}: cannot be started: {error}", program.display()))?;
         let pipe = child.stderr.take().expect("piped");
-        let messages = Some(std::thread::spawn(move || messages(pipe)));
+        let (sender, stamps) = channel();
+        let messages = Some(std::thread::spawn(move || messages(pipe, &sender)));
         let (handle, watchdog) = (ProcessHandle(Arc::new(Mutex::new(child))), Arc::<Watchdog>::default());
         let (watched, shared, file) = (handle.clone(), Arc::clone(&watchdog), file.map(Path::to_owned));
         std::thread::spawn(move || shared.kill_if_it_hangs(&watched, file, max_idle));
-        Ok(Self { handle, messages, watchdog })
-    }
-
-    /// A handle by which another thread can kill the process.
-    pub(crate) fn handle(&self) -> ProcessHandle {
-        self.handle.clone()
+        Ok(Self { handle, messages, stamps, watchdog })
     }
 
     /// Gives access to the process.
@@ -152,11 +156,11 @@ impl Watchdog {
 
 /// A handle to the running ffmpeg process.
 #[derive(Debug, Clone)]
-pub struct ProcessHandle(Arc<Mutex<Child>>);
+struct ProcessHandle(Arc<Mutex<Child>>);
 
 impl ProcessHandle {
     /// Kills the process.
-    pub fn kill(&self) {
+    fn kill(&self) {
         self.with(|child| {
             let _ = child.kill();
             let _ = child.wait();
@@ -164,19 +168,60 @@ impl ProcessHandle {
     }
 
     fn with<T>(&self, work: impl FnOnce(&mut Child) -> T) -> T {
-        work(&mut self.0.lock().unwrap_or_else(|poisoned| poisoned.into_inner()))
+        work(&mut lock(&self.0))
     }
 }
 
-/// The start of the messages, in one line. The rest is read and discarded, so that the process does
+/// Whether no more is to be read, and the processes that read videos and cameras.
+static READING: Mutex<(bool, Vec<ProcessHandle>)> = Mutex::new((false, Vec::new()));
+
+/// Ends all processes that read videos and cameras, also those that are started later.
+pub fn end_reading() {
+    let mut reading = lock(&READING);
+    reading.0 = true;
+    reading.1.iter().for_each(ProcessHandle::kill);
+}
+
+/// Whether nothing more is read ([`end_reading`]).
+pub(crate) fn has_ended() -> bool {
+    lock(&READING).0
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The start of the messages, in one line; time stamps are passed on. The rest is read and discarded, so that the process does
 /// not block on a full pipe.
-fn messages(mut pipe: ChildStderr) -> String {
-    let mut start = Vec::new();
-    // If the messages cannot be read, the error is reported without them.
-    let _ = pipe.by_ref().take(MAX_MESSAGE_BYTES).read_to_end(&mut start);
-    let _ = std::io::copy(&mut pipe, &mut std::io::sink());
-    let start = String::from_utf8_lossy(&start);
-    start.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ")
+fn messages(pipe: ChildStderr, stamps: &Sender<f64>) -> String {
+    let (mut pipe, mut start) = (BufReader::new(pipe), String::new());
+    loop {
+        let mut line = Vec::new();
+        // If the messages cannot be read, the error is reported without them.
+        if pipe.by_ref().take(MAX_MESSAGE_BYTES as u64).read_until(b'\n', &mut line).unwrap_or(0) == 0 {
+            return start;
+        }
+        let line = String::from_utf8_lossy(&line);
+        if let Some((_, stamp)) = line.split_once("pts_time:") {
+            let _ = stamps.send(stamp.trim().parse().unwrap_or(f64::NAN));
+        } else if !line.trim().is_empty() && !line.starts_with("frame=") && start.len() < MAX_MESSAGE_BYTES {
+            start = [start.as_str(), line.trim()].join(if start.is_empty() { "" } else { "; " });
+        }
+    }
+}
+
+/// Whether this is the address of a stream, such as `rtsp://camera/1`, and no file.
+pub fn is_address(path: &Path) -> bool {
+    let scheme = path.to_str().and_then(|text| text.split_once("://")).map_or("", |(scheme, _)| scheme);
+    !scheme.is_empty() && scheme.bytes().all(|byte| byte.is_ascii_alphanumeric())
+}
+
+/// Options with which ffmpeg opens an address, a camera of this machine, or a file.
+fn input(path: &Path) -> io::Result<Vec<OsString>> {
+    let device: &[&str] = if path.to_string_lossy().starts_with("/dev/video") { &["-f", "v4l2"] } else { &[] };
+    // Absolute: ffmpeg takes a name before a colon for a protocol.
+    let name = if is_address(path) { path.to_owned() } else { std::path::absolute(path)? };
+    Ok(device.iter().chain(&["-i"]).map(OsString::from).chain([name.into()]).collect())
 }
 
 /// A command for ffmpeg; the error `missing` if it is not installed.
@@ -204,14 +249,32 @@ impl Decoder {
         let mut options = vec!["-pix_fmt", "rgb24"];
         options.extend(filter.iter().flat_map(|filter| ["-vf", filter]));
         options.extend(["-f", "image2pipe", "-c:v", "ppm"]);
-        Self::start_with(path, &options)
+        Self::start_with(path, &[], &options, MAX_IDLE)
     }
 
-    fn start_with(path: &Path, options: &[&str]) -> Result<Self> {
+    /// Starts ffmpeg on a camera that runs, or on a file that grows: to read each frame when it comes, and its time stamp.
+    pub(crate) fn live(path: &Path, max_idle: Duration) -> Result<Self> {
+        // Threads, a buffer, a long look at the stream or a fixed rate would hold frames back.
+        let mut before =
+            vec!["-fflags", "nobuffer", "-flags", "low_delay", "-threads", "1", "-analyzeduration", "1000000"];
+        before.extend(path.is_file().then_some(["-follow", "1"]).into_iter().flatten());
+        let options = ["-copyts", "-vf", PRINT_STAMPS, "-fps_mode", "passthrough", "-pix_fmt", "rgb24"];
+        Self::start_with(path, &before, &[&options[..], &["-f", "image2pipe", "-c:v", "ppm"]].concat(), max_idle)
+    }
+
+    fn start_with(path: &Path, before: &[&str], options: &[&str], max_idle: Duration) -> Result<Self> {
         let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
-        // Absolute: ffmpeg takes a name before a colon for a protocol.
-        command.arg("-i").arg(std::path::absolute(path)?).arg("-an").args(options).arg("-");
-        let process = Process::start(command.stdin(Stdio::null()).stdout(Stdio::piped()), None)?;
+        command.args(before).args(input(path)?).arg("-an").args(options).arg("-");
+        let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
+        let process = Process::start_with(command, None, max_idle, !before.is_empty())?;
+        let mut reading = lock(&READING);
+        reading.1.retain(|reading| reading.with(|child| matches!(child.try_wait(), Ok(None))));
+        reading.1.push(process.handle.clone());
+        // Of a process that is killed nothing can be read.
+        if reading.0 {
+            process.handle.kill();
+        }
+        drop(reading);
         let pipe = process.with_child(|child| child.stdout.take()).expect("piped");
         Ok(Self { path: path.to_owned(), process, pipe: BufReader::with_capacity(1 << 16, pipe) })
     }
@@ -219,7 +282,8 @@ impl Decoder {
     /// The frame rate of a video.
     pub(crate) fn rate(path: &Path) -> Result<FrameRate> {
         // The y4m header holds the rate; the pixels are not read.
-        let mut decoder = Self::start_with(path, &["-frames:v", "1", "-pix_fmt", "gray", "-f", "yuv4mpegpipe"])?;
+        let options = ["-frames:v", "1", "-pix_fmt", "gray", "-f", "yuv4mpegpipe"];
+        let mut decoder = Self::start_with(path, &[], &options, MAX_IDLE)?;
         let mut header = String::new();
         let _ = decoder.reading(|pipe| pipe.by_ref().take(256).read_line(&mut header));
         let rate = header.split_whitespace().find_map(|word| word.strip_prefix('F')?.replace(':', "/").parse().ok());
@@ -228,11 +292,6 @@ impl Decoder {
             None if header.is_empty() => Err(decoder.failed()),
             None => bail!("{}: ffmpeg reports no frame rate", path.display()),
         }
-    }
-
-    /// A handle with which another thread can end ffmpeg while this one waits for a frame.
-    pub(crate) fn handle(&self) -> ProcessHandle {
-        self.process.handle()
     }
 
     fn reading<T>(&mut self, read: impl FnOnce(&mut BufReader<ChildStdout>) -> io::Result<T>) -> io::Result<T> {
@@ -273,6 +332,12 @@ impl Decoder {
         Ok(Some(ImageRgb::new(size.width, size.height, bytes.iter().map(|&byte| f32::from(byte) / 255.0).collect())?))
     }
 
+    /// Time stamps of frames, seconds, NaN where the stream has none: that of the next frame, or of all that ffmpeg has come to.
+    pub(crate) fn stamps(&self, of_next: bool) -> Vec<f64> {
+        let stamps = &self.process.stamps;
+        if of_next { stamps.recv_timeout(STAMP_TIMEOUT).into_iter().collect() } else { stamps.try_iter().collect() }
+    }
+
     /// Skips a frame; false at the end.
     pub(crate) fn skip(&mut self) -> Result<bool> {
         let Some(size) = self.header()? else { return Ok(false) };
@@ -301,20 +366,22 @@ mod tests {
         assert_eq!(finished("exit 0"), Ok(()));
         assert_eq!(finished("echo full >&2"), Err("ffmpeg failed (exit status: 0): full".to_owned()));
         let endless = Process::start(&mut shell("/usr/bin/yes >&2 | /usr/bin/head -c 9"), None).unwrap();
-        endless.handle().kill();
+        endless.handle.kill();
     }
 
     #[test]
     fn idle_process_is_killed_unless_it_writes_or_is_not_waited_for() {
         let max_idle = Duration::from_millis(300);
-        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, max_idle).unwrap();
+        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, max_idle, false).unwrap();
         assert_eq!(hangs.failure(), "ffmpeg was idle for too long and was killed");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
         let script = format!("for i in 1 2 3 4 5 6 7 8; do /bin/sleep 0.1; echo >> {}; done", file.display());
-        assert!(Process::start_with(&mut shell(&script), Some(&file), max_idle).unwrap().wait().unwrap().success());
+        assert!(
+            Process::start_with(&mut shell(&script), Some(&file), max_idle, false).unwrap().wait().unwrap().success()
+        );
         // It is idle, but the program is busy and does not wait for it.
-        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, max_idle).unwrap();
+        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, max_idle, false).unwrap();
         sleep(3 * max_idle);
         assert!(idle.wait().unwrap().success());
     }

@@ -1,7 +1,9 @@
-//! The frames of one camera, a folder of photos or a video file, read one frame at a time; the first frames of all cameras.
+//! The frames of one camera, a folder of photos, a video file or a source, read one frame at a time; the first frames of all cameras.
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use liveview::ImageRgb;
@@ -9,8 +11,9 @@ use liveview::geometry::Size;
 use liveview::image;
 use liveview_scene::{Format, Found, ListedPhoto, Photo, PhotoList, PhotoSource, SceneError};
 
+use super::source::{Origin, Source, SourceClock};
 use super::steps::{Photos, photos_in};
-use crate::ffmpeg::{Decoder, FrameRate, ProcessHandle, count_frames};
+use crate::ffmpeg::{Decoder, FrameRate, count_frames};
 use liveview_files::has_extension;
 
 const VIDEOS: [&str; 7] = ["mp4", "m4v", "mov", "mkv", "avi", "webm", "y4m"];
@@ -28,6 +31,7 @@ enum Frames {
     Photos(Photos),
     /// All frames, or with a rate the frame at each of its times.
     Video(PathBuf, Option<FrameRate>),
+    Source(Arc<Source>),
 }
 
 impl Feed {
@@ -57,11 +61,24 @@ impl Feed {
         Ok(feeds)
     }
 
+    /// A camera that ffmpeg opens; its frames are read one after the other, or as they come.
+    pub(super) fn open_source(name: String, url: PathBuf, clock: SourceClock, origin: &Arc<Origin>) -> Self {
+        let origin = (clock == SourceClock::Stream).then(|| Arc::clone(origin));
+        let is_read = clock == SourceClock::Frame;
+        let frames = if is_read { Frames::Video(url, None) } else { Frames::Source(Source::start(&url, origin)) };
+        Self { name, frames }
+    }
+
+    /// The camera, if it runs.
+    pub fn source(&self) -> Option<&Arc<Source>> {
+        if let Frames::Source(source) = &self.frames { Some(source) } else { None }
+    }
+
     /// The number of time steps, one more than the last; `None` for a video, which would have to be read.
     pub fn steps(&self) -> Option<usize> {
         match &self.frames {
             Frames::Photos(photos) => photos.last_key_value().map(|(last, _)| last + 1),
-            Frames::Video(..) => None,
+            Frames::Video(..) | Frames::Source(_) => None,
         }
     }
 
@@ -71,7 +88,7 @@ impl Feed {
     /// ffmpeg cannot read the video.
     pub(super) fn count_steps(&self) -> Result<usize> {
         match &self.frames {
-            Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
+            Frames::Photos(_) | Frames::Source(_) => Ok(self.steps().unwrap_or(0)),
             Frames::Video(path, None) => count_frames(path),
             Frames::Video(path, Some(steps)) => {
                 let seconds = count_frames(path)? as f64 / Decoder::rate(path)?.per_second();
@@ -89,14 +106,14 @@ impl Feed {
     pub fn photos_mut(&mut self) -> Option<(&str, &mut Photos)> {
         match &mut self.frames {
             Frames::Photos(photos) => Some((&self.name, photos)),
-            Frames::Video(..) => None,
+            Frames::Video(..) | Frames::Source(_) => None,
         }
     }
 
     /// The frame rate of a video.
     pub fn rate(&self) -> Result<Option<FrameRate>> {
         match &self.frames {
-            Frames::Photos(_) => Ok(None),
+            Frames::Photos(_) | Frames::Source(_) => Ok(None),
             Frames::Video(path, _) => Decoder::rate(path).map(Some),
         }
     }
@@ -125,6 +142,7 @@ impl Feed {
                 Err(failed.map_or_else(|| anyhow!("{}: no frames", self.name), Into::into))
             }
             Frames::Video(path, _) => Ok((path.clone(), first_of_video(path)?.size())),
+            Frames::Source(source) => Ok((source.url().to_owned(), source.first()?.size())),
         }
     }
 
@@ -133,8 +151,13 @@ impl Feed {
         Ok(match &self.frames {
             Frames::Photos(photos) => Reader(OpenFrames::Photos(photos.clone())),
             Frames::Video(path, rate) => Reader(OpenFrames::Video(Decoder::start(path, *rate)?)),
+            Frames::Source(_) => Reader(OpenFrames::Running),
         })
     }
+}
+
+fn unread(path: &Path, error: &anyhow::Error) -> SceneError {
+    SceneError::Read { path: path.to_owned(), source: io::Error::other(format!("{error:#}")) }
 }
 
 fn first_of_video(path: &Path) -> Result<ImageRgb> {
@@ -150,13 +173,15 @@ pub struct Reader(OpenFrames);
 enum OpenFrames {
     Photos(Photos),
     Video(Decoder),
+    /// Read from [`Feed::source`].
+    Running,
 }
 
 /// The result of reading a time step of a camera.
 #[derive(Debug)]
 pub enum Delivered {
-    /// Its photo.
-    Photo(ImageRgb),
+    /// Its photo, and when it arrived.
+    Photo(ImageRgb, Instant),
     /// There is no frame for this step, but later ones.
     Missing,
     /// There are no more frames.
@@ -164,14 +189,6 @@ pub enum Delivered {
 }
 
 impl Reader {
-    /// The ffmpeg process that reads a video.
-    pub fn decoder(&self) -> Option<ProcessHandle> {
-        match &self.0 {
-            OpenFrames::Photos(_) => None,
-            OpenFrames::Video(decoder) => Some(decoder.handle()),
-        }
-    }
-
     /// Reads the frame of a time step; a video must be read in order.
     ///
     /// # Errors
@@ -179,11 +196,14 @@ impl Reader {
     pub fn read(&mut self, step: usize) -> Result<Delivered> {
         match &mut self.0 {
             OpenFrames::Photos(photos) => match photos.get(&step) {
-                Some(path) => Ok(Delivered::Photo(image::load(path)?)),
+                Some(path) => Ok(Delivered::Photo(image::load(path)?, Instant::now())),
                 None if photos.range(step..).next().is_some() => Ok(Delivered::Missing),
                 None => Ok(Delivered::Ended),
             },
-            OpenFrames::Video(decoder) => Ok(decoder.next()?.map_or(Delivered::Ended, Delivered::Photo)),
+            OpenFrames::Video(decoder) => {
+                Ok(decoder.next()?.map_or(Delivered::Ended, |photo| Delivered::Photo(photo, Instant::now())))
+            }
+            OpenFrames::Running => Ok(Delivered::Missing),
         }
     }
 
@@ -192,6 +212,7 @@ impl Reader {
         match &mut self.0 {
             OpenFrames::Photos(photos) => Ok(photos.range(step..).next().is_some()),
             OpenFrames::Video(decoder) => decoder.skip(),
+            OpenFrames::Running => Ok(true),
         }
     }
 }
@@ -257,10 +278,8 @@ impl PhotoSource for RigPhotos {
         };
         match &feed.frames {
             Frames::Photos(_) => Ok(image::load(first)?),
-            Frames::Video(path, _) => first_of_video(path).map_err(|error| SceneError::Read {
-                path: first.clone(),
-                source: io::Error::other(format!("{error:#}")),
-            }),
+            Frames::Video(path, _) => first_of_video(path).map_err(|error| unread(first, &error)),
+            Frames::Source(source) => source.first().map_err(|error| unread(first, &error)),
         }
     }
 }

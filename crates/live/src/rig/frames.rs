@@ -62,7 +62,7 @@ impl CameraFrames {
             return kept.clone();
         }
         let photo = match self.read(step) {
-            Ok(Delivered::Photo(photo)) => fit(photo).map(Arc::new),
+            Ok(Delivered::Photo(photo, _)) => fit(photo).map(Arc::new),
             Ok(Delivered::Missing) => Err(anyhow!("frame {step} is missing")),
             Ok(Delivered::Ended) => Err(anyhow!("no frames from {step} on")),
             Err(error) => {

@@ -3,23 +3,28 @@
 
 mod feed;
 mod frames;
+mod source;
 mod steps;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
 use liveview::Camera;
 use liveview::geometry::choose_views;
 use liveview::render::Renderer;
+use liveview_files::bounded;
 use liveview_scene::SceneError;
 use liveview_synthesizer::{LayerSpec, Scene, SceneOptions, SceneViews};
+use serde_json::Value;
 
-use crate::ffmpeg::FrameRate;
+use crate::ffmpeg::{FrameRate, is_address};
 pub use feed::{Delivered, Feed, Reader};
 use feed::{RigCamera, RigPhotos};
 pub use frames::Frames;
+use source::Origin;
+pub use source::{Source, SourceClock, SourceCounts};
 use steps::{align, match_rates};
 
 /// Folders of a rig in which its cameras may lie.
@@ -40,12 +45,17 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Opens a rig. The scene's notes say what was left out.
+    /// Opens a rig, with sources some of whose cameras may run. The scene's notes say what was left out.
     ///
     /// # Errors
-    /// Fewer than two readable cameras, no poses, or an error of the scene.
-    pub fn open(folder: &Path, options: &SceneOptions, (near, far): DepthRange) -> Result<Self> {
-        let (scene, feeds) = open_scene(folder, options)?;
+    /// Fewer than two readable cameras, no poses, a source that delivers no frame in time, or an error of the scene.
+    pub fn open(
+        folder: &Path,
+        options: &SceneOptions,
+        (near, far): DepthRange,
+        sources: Option<&Sources>,
+    ) -> Result<Self> {
+        let (scene, feeds) = open_scene(folder, options, sources)?;
         Ok(Self { views: SceneViews::new(scene, near, far), feeds })
     }
 
@@ -64,7 +74,7 @@ impl Rig {
         {
             return Ok(None);
         }
-        match Self::open(folder, options, depth) {
+        match Self::open(folder, options, depth, None) {
             Ok(rig) => Ok(Some(rig)),
             Err(error) if feeds.iter().any(Feed::is_video) => Err(error),
             // The error of opening it as a scene says more.
@@ -87,7 +97,7 @@ impl Rig {
     /// ffmpeg cannot read a video.
     pub fn rate(&self) -> Result<FrameRate> {
         let rates = self.feeds.iter().map(Feed::rate).collect::<Result<Vec<_>>>()?;
-        Ok(rates.into_iter().flatten().min().unwrap_or(FrameRate { frames: 30, seconds: 1 }))
+        Ok(FrameRate::lowest(rates.into_iter().flatten()).unwrap_or(FrameRate { frames: 30, seconds: 1 }))
     }
 
     /// The cameras to read for these targets: for each the nearest of the `free` ones, `most` or as many as there are.
@@ -111,6 +121,43 @@ impl Rig {
     }
 }
 
+/// The sources of a rig's cameras, in addition to those that its `transforms.json` names.
+#[derive(Debug, Clone)]
+pub struct Sources {
+    /// The name of a camera, and what ffmpeg opens.
+    pub given: Vec<(String, PathBuf)>,
+    /// How their frames are matched.
+    pub clock: SourceClock,
+}
+
+impl Sources {
+    /// All of a rig. By frame numbers its cameras are read from its files: only those given are opened.
+    fn of_rig(&self, root: &Path) -> Result<Vec<(String, PathBuf)>> {
+        let mut found = self.given.clone();
+        let file = root.join("transforms.json");
+        let text = bounded::read(&file, bounded::MAX_JSON_BYTES).unwrap_or_default();
+        // The reader of its poses says what is wrong with the file.
+        let json: Value = serde_json::from_slice(&text).unwrap_or_default();
+        let frames = json["frames"].as_array().filter(|_| self.clock != SourceClock::Frame);
+        for (index, frame) in frames.into_iter().flatten().enumerate() {
+            let Some(source) = frame.get("source") else { continue };
+            let (Some(source), Some(photo)) = (source.as_str().map(Path::new), frame["file_path"].as_str()) else {
+                bail!(
+                    "{}: frames[{index}]: source: expected an address or a file, as text, and file_path, which names the camera",
+                    file.display()
+                );
+            };
+            let folder =
+                Path::new(photo).parent().and_then(Path::file_name).filter(|name| FOLDERS.iter().all(|no| no != name));
+            let name = folder.or(Path::new(photo).file_stem()).unwrap_or_default().to_string_lossy().into_owned();
+            if found.iter().all(|(other, _)| *other != name) {
+                found.push((name, if is_address(source) { source.to_owned() } else { root.join(source) }));
+            }
+        }
+        Ok(found)
+    }
+}
+
 /// A rig, and how its pictures are rendered.
 #[derive(Debug)]
 pub struct RigSettings {
@@ -127,12 +174,19 @@ pub struct RigSettings {
 }
 
 /// The scene of a rig's cameras, and the frames of each view.
-fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)> {
+fn open_scene(root: &Path, options: &SceneOptions, sources: Option<&Sources>) -> Result<(Scene, Vec<Feed>)> {
     if !root.is_dir() {
         let what = if root.exists() { "is a file" } else { "does not exist" };
         bail!("{}: {what}; expected the folder of a rig", root.display());
     }
-    let mut feeds = find(root)?;
+    let running = sources.map(|sources| sources.of_rig(root)).transpose()?.unwrap_or_default();
+    let mut feeds = if running.is_empty() { find(root)? } else { find(root).unwrap_or_default() };
+    feeds.retain(|feed| running.iter().all(|(name, _)| *name != feed.name));
+    let origin = Arc::new(Origin::new());
+    for (name, url) in running {
+        feeds.push(Feed::open_source(name, url, sources.map_or(SourceClock::Frame, |sources| sources.clock), &origin));
+    }
+    feeds.sort_by(|a, b| a.name.cmp(&b.name));
     let mut notes = align(feeds.iter_mut().filter_map(Feed::photos_mut).collect());
     let (count, mut cameras, mut rates, mut left_out) = (feeds.len(), Vec::new(), Vec::new(), Vec::new());
     for feed in feeds {
@@ -141,6 +195,7 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
                 rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
                 cameras.push(RigCamera { feed, first, size });
             }
+            Err(error) if feed.source().is_some() => return Err(error.context(format!("camera {}", feed.name))),
             Err(error) => left_out.push(format!("camera {} is left out: {error:#}", feed.name)),
         }
     }
@@ -174,6 +229,9 @@ fn open_scene(root: &Path, options: &SceneOptions) -> Result<(Scene, Vec<Feed>)>
     })?;
     let is_posed = |camera: &&RigCamera| scene.views.iter().any(|view| view.name == camera.feed.name);
     let unposed = photos.cameras.iter().filter(|camera| !is_posed(camera));
+    if let Some(camera) = unposed.clone().find(|camera| camera.feed.source().is_some()) {
+        bail!("{}: camera {} has a source but no pose; expected a pose for each", root.display(), camera.feed.name);
+    }
     notes.extend(unposed.map(|camera| format!("camera {} has no pose: left out", camera.feed.name)));
     scene.notes.extend(notes);
     let feed = |name: &str| photos.named(name).expect("views are named after their cameras").feed.clone();
@@ -242,7 +300,7 @@ mod tests {
     }
 
     fn opened(root: &TempDir) -> (Vec<String>, Vec<String>) {
-        let (scene, feeds) = open_scene(root.path(), &SceneOptions::default()).unwrap();
+        let (scene, feeds) = open_scene(root.path(), &SceneOptions::default(), None).unwrap();
         let names: Vec<String> = scene.views.iter().map(|view| view.name.clone()).collect();
         assert_eq!(names, feeds.iter().map(|feed| feed.name.clone()).collect::<Vec<_>>());
         assert!(scene.views.iter().all(|view| view.image_path().ends_with(format!("{}/1.png", view.name))));
@@ -285,7 +343,7 @@ mod tests {
         assert!(notes.len() == 1 && notes[0].starts_with("camera c is left out: "), "{notes:?}");
         // A RealEstate10K file does not describe a rig.
         fs::rename(root.path().join("transforms.json"), root.path().join("cameras.txt")).unwrap();
-        let error = open_scene(root.path(), &SceneOptions::default()).unwrap_err().to_string();
+        let error = open_scene(root.path(), &SceneOptions::default(), None).unwrap_err().to_string();
         assert!(error.contains("no poses found; expected transforms.json"), "{error}");
     }
 

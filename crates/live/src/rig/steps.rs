@@ -115,7 +115,7 @@ pub(super) fn match_rates<'a>(
     feeds: impl Iterator<Item = &'a mut Feed>,
     rates: &[(String, FrameRate)],
 ) -> Option<String> {
-    let lowest = rates.iter().map(|(_, rate)| *rate).min()?;
+    let lowest = FrameRate::lowest(rates.iter().map(|(_, rate)| *rate))?;
     if rates.iter().all(|(_, rate)| *rate == lowest) {
         return None;
     }

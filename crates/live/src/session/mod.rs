@@ -12,7 +12,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use liveview::geometry::{Camera, Size, TooFewViews};
+use liveview::geometry::{Camera, TooFewViews};
 use liveview::image::ImageRgb;
 use liveview::layers::{LayersError, uniform_disparities};
 use liveview::render::{Frame, RenderError, RenderRequest, Renderer, StageTimes};
@@ -28,11 +28,10 @@ use camera_depths::{CameraDepths, Step};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Policy {
-    /// Every so many frames (1: each). In between, the surface of guided layers moves with the
-    /// target camera, and the cameras keep their depth for surface layers, whatever the photos
-    /// show.
-    Every(usize),
-    /// On the first frame: with `select:16/64` the paper's video, which renders 64 planes once and
+    /// On every frame.
+    Each,
+    /// On the first frame. From then on the surface of guided layers moves with the target camera, and the cameras keep
+    /// their depth for surface layers, whatever the photos show. With `select:16/64` the paper's video, which renders 64 planes once and
     /// 16 of them from then on ([`liveview_synthesizer::select_planes`]).
     Once,
     /// Guided layers: the surface of the last frame moves with the target camera, and is searched
@@ -49,6 +48,16 @@ impl Policy {
         if matches!(layers.kind(), "guided" | "surface") { Self::Propagate } else { Self::Once }
     }
 
+    /// The policy given, if it suits the layers, or the default for these.
+    pub fn for_layers(given: Option<Self>, layers: &LayerSpec) -> Result<Self, String> {
+        match given.unwrap_or(Self::default_for(layers)) {
+            Self::Propagate if Self::default_for(layers) != Self::Propagate => Err(format!(
+                "propagate: only guided and surface layers have depth to propagate; expected each or once for {layers}"
+            )),
+            policy => Ok(policy),
+        }
+    }
+
     /// The layers in place of those recommended, where none are given: along depth that follows, one layer
     /// without a network shows more than three (docs/design-log/video.md).
     pub fn layers_by_default(self, recommended: LayerSpec) -> LayerSpec {
@@ -61,12 +70,11 @@ impl Policy {
 
 impl fmt::Display for Policy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Every(1) => write!(f, "each"),
-            Self::Every(frames) => write!(f, "every:{frames}"),
-            Self::Once => write!(f, "once"),
-            Self::Propagate => write!(f, "propagate"),
-        }
+        f.write_str(match self {
+            Self::Each => "each",
+            Self::Once => "once",
+            Self::Propagate => "propagate",
+        })
     }
 }
 
@@ -74,16 +82,11 @@ impl FromStr for Policy {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let frames = |text: &str| text.parse().ok().filter(|frames| (1..=1_000_000).contains(frames));
-        match text.split_once(':') {
-            None if text == "each" => Ok(Self::Every(1)),
-            None if text == "once" => Ok(Self::Once),
-            None if text == "propagate" => Ok(Self::Propagate),
-            Some(("every", number)) => {
-                let wrong = || format!("{number} is no number of frames; expected a whole number from 1 to 1000000");
-                frames(number).map(Self::Every).ok_or_else(wrong)
-            }
-            _ => Err("expected propagate, each, every:N or once".to_owned()),
+        match text {
+            "each" => Ok(Self::Each),
+            "once" => Ok(Self::Once),
+            "propagate" => Ok(Self::Propagate),
+            _ => Err("expected propagate, each or once".to_owned()),
         }
     }
 }
@@ -121,6 +124,8 @@ pub struct LiveFrame {
     pub layer_source: LayerSource,
     /// Indices of the cameras it was rendered from, nearest first.
     pub views: Vec<usize>,
+    /// Frames since the last search or selection.
+    pub age: usize,
     /// Wall time per stage.
     pub times: LiveTimes,
 }
@@ -151,24 +156,9 @@ pub enum LiveError {
     /// A session without a network.
     #[error("a session without a network; expected at least one")]
     NoNetwork,
-    /// The number of photos differs from that of the cameras.
-    #[error("{found} photos for {expected} cameras; expected one entry per camera, None where it delivered nothing")]
-    Photos {
-        /// Cameras of the rig.
-        expected: usize,
-        /// Entries given.
-        found: usize,
-    },
-    /// A photo's size differs from its camera's.
-    #[error("the photo of camera {camera} is {found}; expected {expected}")]
-    Size {
-        /// Index of the camera.
-        camera: usize,
-        /// The photo's size, pixels.
-        found: Size,
-        /// The camera's size, pixels.
-        expected: Size,
-    },
+    /// The number of photos differs from that of the cameras, or the size of one from its camera's.
+    #[error("{0}")]
+    Photos(String),
     /// Fewer photos face the target's direction than the smallest network takes.
     #[error(transparent)]
     Views(#[from] TooFewViews),
@@ -232,7 +222,7 @@ impl LiveSession {
     ///
     /// # Errors
     ///
-    /// [`LiveError::Photos`] and [`LiveError::Size`] for photos that do not match the cameras;
+    /// [`LiveError::Photos`] for photos that do not match the cameras;
     /// [`LiveError::Views`] where too few face the target's direction (what to show instead is up
     /// to the caller); [`LiveError::Layers`] and [`LiveError::Render`].
     pub fn render(&mut self, photos: &[Option<&ImageRgb>], target: &Camera) -> Result<LiveFrame, LiveError> {
@@ -243,8 +233,8 @@ impl LiveSession {
         let sources: Vec<_> = views.par_iter().map(|&view| step.source(view)).collect();
         let ready = Instant::now();
         let reuse = match self.settings.policy {
-            Policy::Every(frames) if self.age + 1 >= frames => Reuse::Nothing,
-            Policy::Every(_) | Policy::Once => Reuse::All,
+            Policy::Each => Reuse::Nothing,
+            Policy::Once => Reuse::All,
             Policy::Propagate => Reuse::Refreshed,
         };
         let input = FrameInput {
@@ -272,18 +262,21 @@ impl LiveSession {
             self.carried.selected = Some(selection.planes(&frame, renderer.alpha())?);
         }
         let times = LiveTimes { photos: ready - started, layers: found - ready, stages: frame.times };
-        Ok(LiveFrame { frame, layer_source: plan.source, views, times })
+        Ok(LiveFrame { frame, layer_source: plan.source, views, age: self.age, times })
     }
 
     fn check(&self, photos: &[Option<&ImageRgb>]) -> Result<(), LiveError> {
         if photos.len() != self.cameras.len() {
-            return Err(LiveError::Photos { expected: self.cameras.len(), found: photos.len() });
+            let (found, expected) = (photos.len(), self.cameras.len());
+            return Err(LiveError::Photos(format!(
+                "{found} photos for {expected} cameras; expected one entry per camera, None where it delivered nothing"
+            )));
         }
         for (index, (photo, camera)) in photos.iter().zip(&self.cameras).enumerate() {
             let expected = camera.size();
             let found = photo.map_or(expected, ImageRgb::size);
             if found != expected {
-                return Err(LiveError::Size { camera: index, found, expected });
+                return Err(LiveError::Photos(format!("the photo of camera {index} is {found}; expected {expected}")));
             }
         }
         Ok(())
@@ -309,10 +302,9 @@ mod tests {
 
     #[test]
     fn policy_text_round_trips_and_unknown_text_is_an_error() {
-        for text in ["propagate", "each", "every:5", "once"] {
+        for text in ["propagate", "each", "once"] {
             assert_eq!(text.parse::<Policy>().unwrap().to_string(), text);
         }
-        assert!("every:0".parse::<Policy>().unwrap_err().contains("whole number"));
-        assert!("sometimes".parse::<Policy>().is_err() && "some:3".parse::<Policy>().is_err());
+        assert!("sometimes".parse::<Policy>().is_err());
     }
 }

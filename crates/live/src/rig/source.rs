@@ -1,0 +1,266 @@
+//! A camera that runs: ffmpeg opens its source, and is started again when it ends or fails. A thread keeps its newest frames,
+//! with the times by which those of several cameras are matched.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use liveview::ImageRgb;
+
+use super::Delivered;
+use crate::ffmpeg::{Decoder, has_ended};
+
+/// Frames that are kept: the newest, and of those matched by the streams' time stamps as many as the others may be late.
+const KEPT: usize = 2;
+const KEPT_BY_STAMP: usize = 16;
+/// How long the first frame may take.
+const FIRST_FRAME: Duration = Duration::from_secs(15);
+/// How long ffmpeg may deliver nothing before it is started again.
+const MAX_IDLE: Duration = Duration::from_secs(10);
+/// Pauses before it is started again: the first, doubled each time that no frame came, and the longest.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(250), Duration::from_secs(5));
+/// Age from which on a frame is too old for a time step, in periods.
+const MAX_AGE: f64 = 1.25;
+/// Distance from the frame before, relative to the median of the last ones, from which on frames are missing between them.
+const GAP: f64 = 1.5;
+const GAPS: usize = 31;
+/// How fast another clock may run behind this machine's, seconds per second.
+const DRIFT: f64 = 1e-4;
+/// Seconds that a stream's time stamps may differ from another's.
+const MAX_LATE: f64 = 60.0;
+
+/// The times by which the frames of sources are matched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SourceClock {
+    /// When each frame arrived.
+    Arrival,
+    /// The time stamps of the streams, which must come from one clock.
+    Stream,
+    /// None: the first frames belong together, the second, and so on, as in files.
+    Frame,
+}
+
+impl FromStr for SourceClock {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "arrival" => Ok(Self::Arrival),
+            "stream" => Ok(Self::Stream),
+            "frame" => Ok(Self::Frame),
+            _ => Err("expected arrival, stream or frame"),
+        }
+    }
+}
+
+/// What a source has delivered.
+#[derive(Debug, Clone, Default)]
+pub struct SourceCounts {
+    /// Frames that arrived.
+    pub frames: usize,
+    /// Of these, frames that no time step used, because a newer one came first.
+    pub unused: usize,
+    /// Frames missing between those that arrived.
+    pub missing: usize,
+    /// The longest time between two frames.
+    pub longest_gap: Duration,
+    /// How much later its frames arrive than those of the camera with the shortest delay, by the streams' time stamps.
+    pub late: Option<Duration>,
+    /// How often ffmpeg was started again.
+    pub restarts: usize,
+    /// Why, the last time.
+    pub failure: Option<String>,
+}
+
+/// A running camera.
+#[derive(Debug)]
+pub struct Source {
+    url: PathBuf,
+    started: Instant,
+    /// Where the frames are matched by the streams' time stamps.
+    origin: Option<Arc<Origin>>,
+    state: Mutex<State>,
+    arrived: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    /// The newest last.
+    frames: VecDeque<SourceFrame>,
+    /// The last frame's time stamp, and the distances of the last ones.
+    stamp: Option<f64>,
+    gaps: VecDeque<f64>,
+    counts: SourceCounts,
+}
+
+#[derive(Debug)]
+struct SourceFrame {
+    photo: ImageRgb,
+    arrived: Instant,
+    /// The time by which it is matched.
+    time: Instant,
+    is_used: bool,
+}
+
+/// When time 0 of the streams was, by the frame with the shortest delay.
+#[derive(Debug)]
+pub(super) struct Origin {
+    epoch: Instant,
+    /// In seconds from the epoch on, and when that was found.
+    zero: Mutex<Option<(f64, f64)>>,
+}
+
+impl Origin {
+    pub(super) fn new() -> Self {
+        Self { epoch: Instant::now(), zero: Mutex::default() }
+    }
+
+    /// The time of a frame with this time stamp, and its delay; an error if it is not from the clock of the others.
+    fn time(&self, arrived: Instant, stamp: f64) -> Result<(Instant, Duration)> {
+        let now = (arrived - self.epoch).as_secs_f64();
+        let mut zero = self.zero.lock().unwrap_or_else(PoisonError::into_inner);
+        let (at, found) = zero.unwrap_or((now - stamp, now));
+        let at = (at + DRIFT * (now - found)).min(now - stamp);
+        let late = now - stamp - at;
+        if late > MAX_LATE {
+            bail!(
+                "its time stamps are {late:.0} s behind another camera's; expected streams of one clock, or --clock arrival"
+            );
+        }
+        *zero = Some((at, now));
+        Ok((self.epoch + Duration::from_secs_f64((at + stamp).max(0.0)), Duration::from_secs_f64(late)))
+    }
+}
+
+impl Source {
+    /// Starts to read a camera: an address, a device, or a file that grows.
+    pub(super) fn start(url: &Path, origin: Option<Arc<Origin>>) -> Arc<Self> {
+        let (state, arrived) = Default::default();
+        let source = Arc::new(Self { url: url.to_owned(), started: Instant::now(), origin, state, arrived });
+        let running = Arc::clone(&source);
+        std::thread::spawn(move || running.run());
+        source
+    }
+
+    /// What ffmpeg opens.
+    pub fn url(&self) -> &Path {
+        &self.url
+    }
+
+    /// What it has delivered so far.
+    pub fn counts(&self) -> SourceCounts {
+        self.lock().counts.clone()
+    }
+
+    /// The first frame.
+    ///
+    /// # Errors
+    /// None has come in time.
+    pub(super) fn first(&self) -> Result<ImageRgb> {
+        let left = (self.started + FIRST_FRAME).saturating_duration_since(Instant::now());
+        let waited = self.arrived.wait_timeout_while(self.lock(), left, |state| state.frames.is_empty());
+        let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        match (state.frames.back(), &state.counts.failure) {
+            (Some(frame), _) => Ok(frame.photo.clone()),
+            (None, Some(failure)) => bail!("no frame within {} s: {failure}", FIRST_FRAME.as_secs()),
+            (None, None) => bail!("{}: no frame within {} s", self.url.display(), FIRST_FRAME.as_secs()),
+        }
+    }
+
+    /// The newest frame for the time step that is due then; waits for one as long as it may be late.
+    pub fn frame_at(&self, due: Instant, period: Duration, late: Duration) -> Delivered {
+        let age = period.mul_f64(MAX_AGE);
+        let newest = self.origin.as_ref().map(|_| due + period / 2);
+        let mut state = self.lock();
+        loop {
+            let mut frames = state.frames.iter_mut().rev();
+            let found = frames.find(|frame| newest.is_none_or(|newest| frame.time <= newest));
+            if let Some(frame) = found.filter(|frame| frame.time + age >= due) {
+                frame.is_used = true;
+                return Delivered::Photo(frame.photo.clone(), frame.arrived);
+            }
+            // One that was waited for before, in vain, is not waited for again.
+            let expected = state.frames.back().map_or(due, |frame| frame.time + age);
+            let left = (due.min(expected) + late).saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Delivered::Missing;
+            }
+            state = self.arrived.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn run(&self) {
+        let mut pause = PAUSES.0;
+        loop {
+            let before = self.lock().counts.frames;
+            let failure = self.read().err().map(|error| format!("{error:#}"));
+            if has_ended() {
+                return;
+            }
+            let mut state = self.lock();
+            state.counts.failure = Some(failure.unwrap_or_else(|| format!("{}: ended", self.url.display())));
+            state.counts.restarts += 1;
+            pause = if state.counts.frames > before { PAUSES.0 } else { PAUSES.1.min(2 * pause) };
+            drop(state);
+            std::thread::sleep(pause);
+        }
+    }
+
+    /// Reads frames until there are no more.
+    fn read(&self) -> Result<()> {
+        let mut decoder = Decoder::live(&self.url, MAX_IDLE)?;
+        while let Some(photo) = decoder.next()? {
+            let arrived = Instant::now();
+            let stamps = decoder.stamps(self.origin.is_some());
+            let (time, late) = match (&self.origin, stamps.first().filter(|stamp| stamp.is_finite())) {
+                (Some(origin), Some(&stamp)) => origin.time(arrived, stamp)?,
+                (Some(_), None) => bail!("ffmpeg reports no time stamps; expected --clock arrival"),
+                (None, _) => (arrived, Duration::ZERO),
+            };
+            let mut state = self.lock();
+            state.counts.late = state.counts.late.map_or(late, |known| known.min(late)).into();
+            stamps.into_iter().for_each(|stamp| state.find_missing(stamp));
+            state.add(SourceFrame { photo, arrived, time, is_used: false }, self.origin.is_some());
+            drop(state);
+            self.arrived.notify_all();
+        }
+        Ok(())
+    }
+}
+
+impl State {
+    /// Counts the frames that are missing before the one with this time stamp.
+    fn find_missing(&mut self, stamp: f64) {
+        let gap = self.stamp.replace(stamp).map_or(0.0, |before| stamp - before);
+        if !(0.0..MAX_LATE).contains(&gap) {
+            return;
+        }
+        let mut gaps: Vec<f64> = self.gaps.iter().copied().collect();
+        gaps.sort_by(f64::total_cmp);
+        if let Some(median) = gaps.get(GAPS / 2).filter(|&&median| median > 0.0 && gap > GAP * median) {
+            self.counts.missing += (gap / median).round() as usize - 1;
+        }
+        self.gaps.truncate(GAPS - 1);
+        self.gaps.push_front(gap);
+    }
+
+    fn add(&mut self, frame: SourceFrame, by_stamp: bool) {
+        let counts = &mut self.counts;
+        counts.frames += 1;
+        if let Some(last) = self.frames.back() {
+            counts.longest_gap = counts.longest_gap.max(frame.arrived - last.arrived);
+        }
+        self.frames.push_back(frame);
+        if self.frames.len() > if by_stamp { KEPT_BY_STAMP } else { KEPT } {
+            let oldest = self.frames.pop_front();
+            counts.unused += usize::from(oldest.is_some_and(|oldest| !oldest.is_used));
+        }
+    }
+}
