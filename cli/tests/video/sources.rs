@@ -99,7 +99,7 @@ fn sources_without_a_frame_and_wrong_ones_are_refused() {
     let path = running(&rig, "case $camera in 3) echo refused >&2; exit 1;; esac");
     name_sources(&rig);
     let mut video = rig.video(&["--path", "line:3", "-o", &out]);
-    let words = ["camera cam3: no frame within 15 s: test://3: ffmpeg failed (exit status: 1): refused"];
+    let words = ["camera cam3: test://3: no frame within 15 s: test://3: ffmpeg failed (exit status: 1): refused"];
     rig.folders.assert_refused(video.env("PATH", &path), &words);
     let mut video =
         rig.video(&["--path", "line:3", "-o", &out, "--source", "cam3=test://1", "--source", "cam9=test://1"]);

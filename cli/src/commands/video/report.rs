@@ -108,8 +108,9 @@ impl Tally {
                 }
             }
         }
+        let arrived = frame.views.iter().filter_map(|&view| Some(step.photos[view].as_ref()?.1));
         self.line(json!({
-            "frame": step.index, "waited": step.waited.as_secs_f64(), "age": frame.age, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
+            "since_arrival": arrived.min().map(|first| first.elapsed().as_secs_f64()), "frame": step.index, "waited": step.waited.as_secs_f64(), "age": frame.age, "layers_from": frame.layer_source.to_string(), "refreshed": refreshed, "views": frame.views, "seconds": self.by_stage(spent.map(|spent| spent.as_secs_f64())),
             "psnr": scores.map(|s| s.score.psnr), "ssim": scores.map(|s| s.score.ssim), "flicker": scores.and_then(|s| s.flicker),
         }))
     }

@@ -57,16 +57,14 @@ struct Watchdog {
 impl Process {
     /// Starts the process. It is not idle while `file` grows.
     pub(crate) fn start(command: &mut Command, file: Option<&Path>) -> Result<Self> {
-        Self::start_with(command, file, MAX_IDLE, false)
+        Self::start_with(command, file, MAX_IDLE)
     }
 
-    fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration, own_group: bool) -> Result<Self> {
-        // In a process group of its own if this program handles Ctrl-C, or will, so that a Ctrl-C in the terminal does not end
-        // ffmpeg as well: it exits at the end of its input, or is killed.
+    fn start_with(command: &mut Command, file: Option<&Path>, max_idle: Duration) -> Result<Self> {
+        // In a process group of its own, so that a Ctrl-C in the terminal does not end ffmpeg as well: it exits at the end of
+        // its input, or is killed.
         #[cfg(unix)]
-        if interrupt::flag().is_some() || own_group {
-            std::os::unix::process::CommandExt::process_group(command, 0);
-        }
+        std::os::unix::process::CommandExt::process_group(command, 0);
         let program = command.get_program().to_owned();
         let mut child = command
             .stderr(Stdio::piped())
@@ -266,7 +264,7 @@ impl Decoder {
         let mut command = command(&format!("{}: videos are read by ffmpeg, which is not on the PATH", path.display()))?;
         command.args(before).args(input(path)?).arg("-an").args(options).arg("-");
         let command = command.stdin(Stdio::null()).stdout(Stdio::piped());
-        let process = Process::start_with(command, None, max_idle, !before.is_empty())?;
+        let process = Process::start_with(command, None, max_idle)?;
         let mut reading = lock(&READING);
         reading.1.retain(|reading| reading.with(|child| matches!(child.try_wait(), Ok(None))));
         reading.1.push(process.handle.clone());
@@ -372,16 +370,14 @@ mod tests {
     #[test]
     fn idle_process_is_killed_unless_it_writes_or_is_not_waited_for() {
         let max_idle = Duration::from_millis(300);
-        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, max_idle, false).unwrap();
+        let mut hangs = Process::start_with(&mut shell("exec /bin/sleep 60"), None, max_idle).unwrap();
         assert_eq!(hangs.failure(), "ffmpeg was idle for too long and was killed");
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a");
         let script = format!("for i in 1 2 3 4 5 6 7 8; do /bin/sleep 0.1; echo >> {}; done", file.display());
-        assert!(
-            Process::start_with(&mut shell(&script), Some(&file), max_idle, false).unwrap().wait().unwrap().success()
-        );
+        assert!(Process::start_with(&mut shell(&script), Some(&file), max_idle).unwrap().wait().unwrap().success());
         // It is idle, but the program is busy and does not wait for it.
-        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, max_idle, false).unwrap();
+        let idle = Process::start_with(&mut shell("exec /bin/sleep 1"), None, max_idle).unwrap();
         sleep(3 * max_idle);
         assert!(idle.wait().unwrap().success());
     }

@@ -180,7 +180,8 @@ fn open_scene(root: &Path, options: &SceneOptions, sources: Option<&Sources>) ->
         bail!("{}: {what}; expected the folder of a rig", root.display());
     }
     let running = sources.map(|sources| sources.of_rig(root)).transpose()?.unwrap_or_default();
-    let mut feeds = if running.is_empty() { find(root)? } else { find(root).unwrap_or_default() };
+    let found = find(root);
+    let mut feeds = if running.is_empty() { found? } else { found.or_else(|_| Feed::all_in(root))? };
     feeds.retain(|feed| running.iter().all(|(name, _)| *name != feed.name));
     let origin = Arc::new(Origin::new());
     for (name, url) in running {

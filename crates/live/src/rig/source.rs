@@ -163,11 +163,11 @@ impl Source {
         let left = (self.started + FIRST_FRAME).saturating_duration_since(Instant::now());
         let waited = self.arrived.wait_timeout_while(self.lock(), left, |state| state.frames.is_empty());
         let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        match (state.frames.back(), &state.counts.failure) {
-            (Some(frame), _) => Ok(frame.photo.clone()),
-            (None, Some(failure)) => bail!("no frame within {} s: {failure}", FIRST_FRAME.as_secs()),
-            (None, None) => bail!("{}: no frame within {} s", self.url.display(), FIRST_FRAME.as_secs()),
-        }
+        let Some(frame) = state.frames.back() else {
+            let why = state.counts.failure.as_deref().unwrap_or("nothing arrived");
+            bail!("{}: no frame within {} s: {why}", self.url.display(), FIRST_FRAME.as_secs());
+        };
+        Ok(frame.photo.clone())
     }
 
     /// The newest frame for the time step that is due then; waits for one as long as it may be late.
