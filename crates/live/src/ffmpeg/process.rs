@@ -44,14 +44,10 @@ pub(crate) struct Process {
 /// State shared with the thread that kills ffmpeg if it hangs.
 #[derive(Debug, Default)]
 struct Watchdog {
-    /// Whether the program is waiting for ffmpeg.
-    waiting: AtomicBool,
-    /// How often the program has waited.
+    /// How often the program has begun or ended to wait for ffmpeg: it waits while the number is odd.
     waits: AtomicU64,
     /// Whether ffmpeg was killed because it hung.
     hung: AtomicBool,
-    /// Whether the thread should end.
-    over: AtomicBool,
 }
 
 impl Process {
@@ -87,9 +83,8 @@ impl Process {
     /// Runs `work`, which waits for ffmpeg; ffmpeg is killed if it hangs meanwhile.
     pub(crate) fn waiting<T>(&self, work: impl FnOnce() -> T) -> T {
         self.watchdog.waits.fetch_add(1, Ordering::Relaxed);
-        self.watchdog.waiting.store(true, Ordering::Relaxed);
         let result = work();
-        self.watchdog.waiting.store(false, Ordering::Relaxed);
+        self.watchdog.waits.fetch_add(1, Ordering::Relaxed);
         result
     }
 
@@ -129,7 +124,6 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        self.watchdog.over.store(true, Ordering::Relaxed);
         self.handle.kill();
     }
 }
@@ -138,10 +132,10 @@ impl Watchdog {
     fn kill_if_it_hangs(&self, handle: &ProcessHandle, file: Option<PathBuf>, max_idle: Duration) {
         let written = || file.as_ref().and_then(|file| Some(file.metadata().ok()?.len()));
         let (mut before, mut idle) = (None, Duration::ZERO);
-        while !self.over.load(Ordering::Relaxed) {
+        while handle.with(|child| matches!(child.try_wait(), Ok(None))) {
             sleep(CHECK_INTERVAL);
             let now = Some((self.waits.load(Ordering::Relaxed), written()));
-            let is_idle = self.waiting.load(Ordering::Relaxed) && now == before;
+            let is_idle = now.is_some_and(|(waits, _)| waits % 2 == 1) && now == before;
             idle = if is_idle { idle + CHECK_INTERVAL } else { Duration::ZERO };
             before = now;
             if idle > if interrupt::requested() { max_idle.min(MAX_IDLE_INTERRUPTED) } else { max_idle } {

@@ -264,3 +264,89 @@ impl State {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD: Duration = Duration::from_millis(50);
+
+    fn source(origin: Option<Arc<Origin>>) -> Arc<Source> {
+        let (url, (state, arrived)) = ("test://0".into(), Default::default());
+        Arc::new(Source { url, started: Instant::now(), origin, state, arrived })
+    }
+
+    /// Adds a frame of a grey level; `time`: by which it is matched.
+    fn add(source: &Source, grey: f32, time: Instant) {
+        let photo = ImageRgb::new(1, 1, vec![grey; 3]).unwrap();
+        let frame = SourceFrame { photo, arrived: time, time, is_used: false };
+        source.lock().add(frame, source.origin.is_some());
+        source.arrived.notify_all();
+    }
+
+    /// The grey level of the frame for a step.
+    fn at(source: &Source, due: Instant, late: Duration) -> Option<f32> {
+        match source.frame_at(due, PERIOD, late) {
+            Delivered::Photo(photo, _) => Some(photo.data()[0]),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn newest_frame_wins_unless_it_is_too_old() {
+        let (source, start) = (source(None), Instant::now());
+        [0.1, 0.2, 0.3].into_iter().for_each(|grey| add(&source, grey, start));
+        assert_eq!(source.counts().unused, 1, "two are kept");
+        assert_eq!(at(&source, start, Duration::ZERO), Some(0.3));
+        assert_eq!(at(&source, start + PERIOD.mul_f64(1.2), Duration::ZERO), Some(0.3));
+        assert_eq!(at(&source, start + PERIOD.mul_f64(1.3), Duration::ZERO), None);
+        [0.4, 0.5].into_iter().for_each(|grey| add(&source, grey, start));
+        assert_eq!(source.counts().unused, 2, "0.3 was used");
+    }
+
+    #[test]
+    fn late_frame_is_waited_for_once() {
+        let (source, start, late) = (source(None), Instant::now(), Duration::from_secs(2));
+        let long_ago = start.checked_sub(Duration::from_secs(5)).unwrap();
+        add(&source, 0.1, long_ago);
+        assert_eq!(at(&source, start, late), None);
+        assert!(start.elapsed() < late, "it stalled before");
+        add(&source, 0.2, start);
+        let later = Arc::clone(&source);
+        let adding = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(100));
+            add(&later, 0.3, Instant::now());
+        });
+        assert_eq!(at(&source, start + 2 * PERIOD, late), Some(0.3));
+        adding.join().unwrap();
+    }
+
+    #[test]
+    fn frames_of_a_shared_clock_are_matched_by_its_time() {
+        let origin = Arc::new(Origin::new());
+        let (source, epoch) = (source(Some(Arc::clone(&origin))), origin.epoch);
+        let second = Duration::from_secs(1);
+        // Of another camera without delay, and of this one 0.3 s later.
+        let (first, none) = origin.time(epoch + 10 * second, 1000.0).unwrap();
+        let (time, late) = origin.time(epoch + 10 * second + Duration::from_millis(300), 1000.0).unwrap();
+        assert!(none.is_zero() && late.abs_diff(Duration::from_millis(300)) < Duration::from_millis(1), "{late:?}");
+        assert!(time.duration_since(first) < Duration::from_millis(1));
+        for (frame, grey) in [0.1, 0.2, 0.3].into_iter().enumerate() {
+            add(&source, grey, time + PERIOD * frame as u32);
+        }
+        assert_eq!(at(&source, time + PERIOD, Duration::ZERO), Some(0.2), "not the newest");
+        assert!(origin.time(epoch + 20 * second, 900.0).is_err(), "another clock");
+    }
+
+    #[test]
+    fn frames_missing_by_their_time_stamps_are_counted() {
+        let mut state = State::default();
+        (0..100).filter(|frame| frame % 5 != 4).for_each(|frame| state.find_missing(0.05 * f64::from(frame)));
+        // From the 17th frame on, whose gaps are compared with those before.
+        assert!((14..=16).contains(&state.counts.missing), "{}", state.counts.missing);
+        state.find_missing(0.0);
+        state.find_missing(f64::NAN);
+        state.find_missing(1e9);
+        assert!(state.counts.missing <= 16, "a stream that starts again");
+    }
+}
