@@ -121,18 +121,24 @@ fn frames_are_matched_by_number_as_those_of_files() {
     rig.as_videos(&[4; 6]);
     let recorded = rig.folders.out("recorded");
     fs::create_dir(&recorded).unwrap();
-    let mut video = rig.video(&arguments);
     for camera in 0..6 {
         let name = format!("cam{camera}.mp4");
         fs::rename(rig.path().join(&name), Path::new(&recorded).join(&name)).unwrap();
-        video.arg("--source").arg(format!("cam{camera}={recorded}/{name}"));
     }
-    let (report, _) = report(video.args(["--clock", "frame"]).env("PATH", ffmpeg(&rig.folders, "")));
-    assert_eq!(
-        (&report["rendered"], &report["faults"], &report["sources"]),
-        (&4.into(), &Value::Array(vec![]), &Value::Array(vec![]))
-    );
+    let replay = |out: &str| {
+        let mut video = rig.video(&["--camera", "cam2", "--clock", "frame", "-o", out]);
+        for camera in 0..6 {
+            video.arg("--source").arg(format!("cam{camera}={recorded}/cam{camera}.mp4"));
+        }
+        video.env("PATH", ffmpeg(&rig.folders, ""));
+        video
+    };
+    let (report, _) = report(&mut replay(&out));
+    let none = Value::Array(vec![]);
+    assert_eq!((&report["rendered"], &report["faults"], &report["sources"]), (&4.into(), &none, &none));
     assert!(of_files == pictures());
+    let refused = replay(&format!("{recorded}/cam0.mp4")).output().unwrap();
+    assert!(stderr(&refused).contains("would overwrite --source"), "{}", stderr(&refused));
 }
 
 /// The processes that play the example rig's clips, ended with the test.

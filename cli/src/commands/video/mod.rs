@@ -201,6 +201,7 @@ fn play(args: &VideoArgs) -> Result<Output> {
     }
     let mut output_plan = OutputPlan::new(scene);
     output_plan.protect("--poses", args.viewpoint.poses.as_deref());
+    args.source.iter().for_each(|(_, source)| output_plan.protect("--source", Some(source)));
     args.model.protect(&mut output_plan, model.path());
     plan_sink(&sink, &mut output_plan)?;
     let measured = |name: &str| args.measure.as_ref().map(|folder| folder.join(name));

@@ -184,7 +184,7 @@ fn open_scene(root: &Path, options: &SceneOptions, sources: Option<&Sources>) ->
     let mut feeds = if running.is_empty() { found? } else { found.or_else(|_| Feed::all_in(root))? };
     feeds.retain(|feed| running.iter().all(|(name, _)| *name != feed.name));
     let origin = Arc::new(Origin::new());
-    for (name, url) in running {
+    for (name, url) in running.iter().cloned() {
         feeds.push(Feed::open_source(name, url, sources.map_or(SourceClock::Frame, |sources| sources.clock), &origin));
     }
     feeds.sort_by(|a, b| a.name.cmp(&b.name));
@@ -194,6 +194,9 @@ fn open_scene(root: &Path, options: &SceneOptions, sources: Option<&Sources>) ->
         match feed.first_frame().and_then(|first| Ok((feed.rate()?, first))) {
             Ok((rate, (first, size))) => {
                 rates.extend(rate.map(|rate| (feed.name.clone(), rate)));
+                // Beside a source there may be anything: no folder of the scene.
+                let first =
+                    if running.iter().any(|(name, _)| *name == feed.name) { root.join(&feed.name) } else { first };
                 cameras.push(RigCamera { feed, first, size });
             }
             Err(error) if feed.source().is_some() => return Err(error.context(format!("camera {}", feed.name))),
