@@ -181,8 +181,8 @@ class LiveSession:
     reuses: the depth of a photo where it stays the same, or the planes that were selected.
 
     `near`, `far`: depth range, scene units. `views`, `layers`, `network`: as of `Synthesizer`.
-    `policy`: when layers are searched: "propagate", where the photos have changed; "each" step; "once".
-    By default "propagate", and "once" for planes."""
+    `policy`: when layers are searched: "propagate", where the photos have changed; "each" step;
+    "once". By default "propagate", and "once" for planes."""
 
     def __init__(
         self,
