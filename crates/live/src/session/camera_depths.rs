@@ -65,8 +65,8 @@ impl CameraDepths {
                 step.smaller(camera);
             });
             self.steps += 1;
-            let parity = self.steps % 2;
-            let waits = |camera| set[..].iter().skip(NEAREST).skip(parity).step_by(2).any(|&other| other == camera);
+            let first = NEAREST + self.steps % 2;
+            let waits = |camera| set.iter().skip(first).step_by(2).any(|&other| other == camera);
             let cameras = self.followed.par_iter_mut().enumerate().filter(|(camera, _)| wanted.contains(camera));
             let update = |(camera, followed): (usize, &mut FollowedDepth)| {
                 let neighbours: Vec<_> = neighbours(step, camera).map(|other| step.photo(other)).collect();
