@@ -48,6 +48,7 @@ pub use error::SceneError;
 pub use formats::fuzz;
 pub use photo_folder::PhotoFolder;
 pub use photos::{Found, ListedPhoto, Photo, PhotoList, PhotoSource, load_photo, save_picture};
+pub use scene_file::read_scene_json;
 pub use undistort::undistorted;
 pub use view::View;
 

@@ -94,6 +94,15 @@ fn nesting(text: &str) -> usize {
     opened.max().unwrap_or(0)
 }
 
+/// Reads a JSON file of a scene, or one that people and other programs changed: UTF-16, comments, NaN.
+///
+/// # Errors
+///
+/// [`SceneError::Read`]; [`SceneError::Malformed`] for what is not JSON.
+pub fn read_scene_json(path: &Path) -> Result<Value, SceneError> {
+    parse(path, &read_json(path)?)
+}
+
 /// Parses a file, JSON or with what people and Python add: comments, commas after the last value, NaN and Infinity,
 /// which become null. Errors quote the text around them.
 pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Value, SceneError> {

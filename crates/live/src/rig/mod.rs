@@ -14,10 +14,8 @@ use anyhow::{Result, anyhow, bail};
 use liveview::Camera;
 use liveview::geometry::choose_views;
 use liveview::render::Renderer;
-use liveview_files::bounded;
-use liveview_scene::SceneError;
+use liveview_scene::{SceneError, read_scene_json};
 use liveview_synthesizer::{LayerSpec, Scene, SceneOptions, SceneViews};
-use serde_json::Value;
 
 use crate::ffmpeg::{FrameRate, is_address};
 pub use feed::{Delivered, Feed, Reader};
@@ -134,12 +132,13 @@ impl Sources {
     /// All of a rig. By frame numbers its cameras are read from its files: only those given are opened.
     fn of_rig(&self, root: &Path) -> Result<Vec<(String, PathBuf)>> {
         let mut found = self.given.clone();
+        if self.clock == SourceClock::Frame {
+            return Ok(found);
+        }
         let file = root.join("transforms.json");
-        let text = bounded::read(&file, bounded::MAX_JSON_BYTES).unwrap_or_default();
         // The reader of its poses says what is wrong with the file.
-        let json: Value = serde_json::from_slice(&text).unwrap_or_default();
-        let frames = json["frames"].as_array().filter(|_| self.clock != SourceClock::Frame);
-        for (index, frame) in frames.into_iter().flatten().enumerate() {
+        let json = read_scene_json(&file).unwrap_or_default();
+        for (index, frame) in json["frames"].as_array().into_iter().flatten().enumerate() {
             let Some(source) = frame.get("source") else { continue };
             let (Some(source), Some(photo)) = (source.as_str().map(Path::new), frame["file_path"].as_str()) else {
                 bail!(
@@ -310,6 +309,16 @@ mod tests {
         assert!(scene.views.iter().all(|view| view.image_path().ends_with(format!("{}/1.png", view.name))));
         assert_eq!((scene.load_image(0).unwrap().width(), scene.load_image(0).unwrap().height()), (8, 6));
         (names, scene.notes)
+    }
+
+    #[test]
+    fn sources_are_read_from_json_that_people_changed() {
+        let root = tempfile::tempdir().unwrap();
+        let text = "\u{feff}{\"frames\": [ // a comment\n{\"file_path\": \"cam0/1.jpg\", \"source\": \"udp://h:1\"},]}";
+        fs::write(root.path().join("transforms.json"), text).unwrap();
+        let sources = |clock| Sources { given: Vec::new(), clock }.of_rig(root.path()).unwrap();
+        assert_eq!(sources(SourceClock::Arrival), [("cam0".to_owned(), "udp://h:1".into())]);
+        assert_eq!(sources(SourceClock::Frame), []);
     }
 
     #[test]
