@@ -81,13 +81,12 @@ void main() {
     near = max(own, around);
     far = min(own, around);
   }
+  // A loop: software executes both sides of a branch.
   bool plain = near - far <= fine;
-  vec4 layers[3];
-  layers[0] = plain || (three && sure > 0.9) ? layer(gl_FragCoord.xy, middle * largest) : vec4(0.0, 0.0, 0.0, -1.0);
-  layers[1] = plain ? vec4(0.0, 0.0, 0.0, -1.0) : layer(gl_FragCoord.xy, near * largest);
-  layers[2] = plain ? vec4(0.0, 0.0, 0.0, -1.0) : layer(gl_FragCoord.xy, far * largest);
-  float best = max(layers[0].a, max(layers[1].a, layers[2].a));
   vec4 sum = vec4(0.0);
-  for (int i = 0; i < 3; i++) if (layers[i].a >= 0.0) sum += exp(layers[i].a - best) * vec4(layers[i].rgb, 1.0);
+  for (int i = plain || (three && sure > 0.9) ? 0 : 1; i < (plain ? 1 : 3); i++) {
+    vec4 found = layer(gl_FragCoord.xy, (i == 0 ? middle : i == 1 ? near : far) * largest);
+    if (found.a >= 0.0) sum += exp(found.a) * vec4(found.rgb, 1.0);
+  }
   picture = sum.a > 0.0 ? vec4(clamp(sum.rgb / sum.a, 0.0, 1.0), 1.0) : vec4(0.0);
 }

@@ -6,7 +6,7 @@ const views = scene.views.map((view, index) => ({ ...view, index, photo: undefin
 const free = views.filter((view) => !view.held_out).map((view) => view.index);
 const video = scene.served?.video;
 // How a view is drawn while it moves, the slower the machine the less: share of the sides, and of the pixels of depth one of so many across and down.
-const LEVELS = [[1, 1], [1, 2], [0.7, 2], [0.5, 2], [0.35, 4], [0.25, 4]];
+const LEVELS = [[1, 1], [1, 2], [0.7, 2], [0.5, 2], [0.35, 4], [0.25, 4], [0.18, 6], [0.14, 8]];
 // Milliseconds of a frame above which the level goes up, and below which it comes down.
 const [SLOW, FAST] = [60, 18];
 // Milliseconds until a photo has faded in, until a flight arrives, and without movement until all is drawn.
@@ -25,6 +25,15 @@ let drawer;
 const timeLine = new TimeLine(showKeys);
 const photos = new Photos(views, arrived, (text) => message(`Left out: ${text}`));
 const map = new RigMap(element("map"), views, goTo);
+
+// What stays as it was costs no layout.
+function put(id, text) {
+  if (element(id).textContent !== text) element(id).textContent = text;
+}
+function setLength(name, value) {
+  const { style } = document.documentElement;
+  if (style.getPropertyValue(name) !== value) style.setProperty(name, value);
+}
 
 function message(text) {
   element("message").hidden = !text;
@@ -92,13 +101,13 @@ function size() {
   return [Math.round(w), Math.max(1, Math.round((w * camera.h) / camera.w))];
 }
 
-// Photos fade in and out one at a time, so that sets change smoothly; all at once where `jump`.
+// Photos fade in and out one at a time, so that sets change smoothly; all at once where `jump`, or where a fifth photo takes too long.
 function chooseSlots(now, elapsed, jump) {
   const candidates = free.filter((view) => photos.get(view, shownStep).bitmap && view !== (views[at]?.held_out ? at : -1));
   if (candidates.length === 0) return false;
   const kept = jump || now - movedAt > REST ? [] : slots.map(({ photo }) => photo.view);
   const chosen = choose(views, candidates, camera, 4, kept).map((view) => photos.get(view, shownStep));
-  if (jump || slots.length === 0 || slots.some(({ photo }) => photo.step !== shownStep)) slots = chosen.map((photo) => ({ photo, weight: 1 }));
+  if (jump || level > 5 || slots.length === 0 || slots.some(({ photo }) => photo.step !== shownStep)) slots = chosen.map((photo) => ({ photo, weight: 1 }));
   const missing = chosen.filter((photo) => !slots.some((slot) => slot.photo === photo));
   const fading = slots.some((slot) => slot.weight < 1);
   if (missing.length > 0 && !fading && slots.length < SLOTS) slots.push({ photo: missing[0], weight: 0 });
@@ -130,9 +139,10 @@ function present() {
 function draw(full, photo) {
   const [w, h] = size();
   const [scale, stride] = full ? LEVELS[0] : LEVELS[level];
-  if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  if (photo) return drawer.present({ photo, wipe: 2 });
   const small = [w, h].map((side) => Math.max(8, Math.round(scale * side)));
+  const shown = photo || recording ? [w, h] : small; // the browser enlarges it faster
+  if (canvas.width !== shown[0] || canvas.height !== shown[1]) [canvas.width, canvas.height] = shown;
+  if (photo) return drawer.present({ photo, wipe: 2 });
   drawer.draw(resized(camera, ...small), slots, { near: scene.near, far: scene.far, stride, three: full, helpers: full ? helpers() : [] });
   present();
 }
@@ -171,7 +181,12 @@ function tick(now) {
     if (time >= timeLine.length) stopRun();
   }
   playStep(now);
-  if (resting && !needed) return;
+  if (resting && !needed) {
+    // A texture takes several frames' time: those of the next photos are made now.
+    const next = nearestFree(poseOf(camera)).slice(0, 8).map((view) => photos.get(view, shownStep)).find((photo) => (photo.bitmap && !photo.texture) || (photo.depth && !photo.code));
+    if (next) drawer.upload(next);
+    return;
+  }
   const changing = chooseSlots(now, elapsed, jump);
   if (slots.length === 0) return;
   const moving = pressed || flight || run !== undefined || playing || now - movedAt < REST;
@@ -261,20 +276,23 @@ function arrived(photo) {
 
 function showStatus() {
   const { far, share } = beyond(poseOf(camera));
-  element("beyond").hidden = share < 0.05;
-  element("beyond").textContent = `${far < 2 ? "Turned away from the photos" : `${far.toFixed(0)} times as far as from photo to photo`}: ${share > 0.6 ? "most" : "some"} of this is guessed`;
   const known = free.map((view) => photos.get(view, shownStep));
   const found = known.filter(({ state, hasDepth }) => state === "depth" || !hasDepth).length;
   const name = at === undefined ? "" : ` · at ${views[at].name}`;
-  element("status").textContent = video || found === known.length ? `${known.length} ${video ? "cameras" : "photos"}${name}` : `depth of ${found} of ${known.length} photos${name}`;
+  const progress = video || found === known.length ? "" : `depth of ${found} of ${known.length} photos`;
+  const places = far < 2 ? "Turned away from the photos" : `${far.toFixed(0)} times as far as from photo to photo`;
+  put("status", `${progress || `${known.length} ${video ? "cameras" : "photos"}`}${name}`);
+  put("beyond", share < 0.05 ? progress : `${places}: ${share > 0.6 ? "most" : "some"} of this is guessed`);
+  element("beyond").hidden = share < 0.05 && !progress;
   canvas.dataset.found = found;
-  document.documentElement.style.setProperty("--aspect", camera.w / camera.h);
-  document.documentElement.style.setProperty("--pixels", `${camera.w / devicePixelRatio}px`);
-  element("degrees").textContent = `${((360 / Math.PI) * Math.atan(camera.w / 2 / camera.fl_x)).toFixed(0)}°`;
+  setLength("--aspect", `${camera.w / camera.h}`);
+  setLength("--pixels", `${camera.w / devicePixelRatio}px`);
+  put("degrees", `${((360 / Math.PI) * Math.atan(camera.w / 2 / camera.fl_x)).toFixed(0)}°`);
   const truth = views[at]?.held_out;
   for (const id of ["wipe_row", "score"]) element(id).hidden = !truth;
   if (resting && truth) score();
-  map.update(camera, slots.map(({ photo: { view } }) => view));
+  // A slow machine draws the picture alone while it moves.
+  if (resting || level < 4) map.update(camera, slots.map(({ photo: { view } }) => view));
   if (element("details").parentElement.open) showDetails();
 }
 
