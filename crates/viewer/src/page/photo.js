@@ -118,14 +118,16 @@ function sharpness(photo, others) {
   return count >= 100 && square > 0 ? clamp(product / square, 0, 0.15) : 0;
 }
 
+// The same, computed once.
+function relativeTo(photo, other) {
+  if (!photo.gains.has(other)) photo.gains.set(other, relativeGains(photo, other));
+  return photo.gains.get(other);
+}
+
 // Gains of photos at these distances from the target: of the exposure between theirs, by 1/distance.
 function exposureGains(photos, distances) {
   const [first] = photos;
-  const gains = photos.map((photo) => {
-    if (photo === first || !photo.depth || !first.depth) return [1, 1, 1];
-    if (!photo.gains.has(first)) photo.gains.set(first, relativeGains(photo, first));
-    return photo.gains.get(first);
-  });
+  const gains = photos.map((photo) => (photo === first || !photo.depth || !first.depth ? [1, 1, 1] : relativeTo(photo, first)));
   const weights = distances.map((d) => 1 / Math.max(d, 1e-9 * Math.max(...distances), 1e-300));
   const total = weights.reduce((sum, weight) => sum + weight, 0);
   const mean = [0, 1, 2].map((c) => Math.exp(gains.reduce((sum, gain, i) => sum + (weights[i] / total) * Math.log(gain[c]), 0)));

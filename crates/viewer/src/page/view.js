@@ -147,6 +147,16 @@ function draw(full, photo) {
   present();
 }
 
+// What the next frames need takes the time of several: it is made at rest, one thing at a time.
+function prepareNext() {
+  const near = nearestFree(poseOf(camera)).slice(0, 8).map((view) => photos.get(view, shownStep));
+  const next = near.find((photo) => (photo.bitmap && !photo.texture) || (photo.depth && !photo.code));
+  if (next) return drawer.upload(next);
+  const isNew = (photo, other) => photo !== other && photo.depth && other.depth && !photo.gains.has(other);
+  const other = near.slice(0, 4).find((other) => near.some((photo) => isNew(photo, other)));
+  if (other) relativeTo(near.find((photo) => isNew(photo, other)), other);
+}
+
 // One frame is drawn at a time: the next begins when the last is finished.
 let [last, begun] = [performance.now(), 0];
 function tick(now) {
@@ -182,9 +192,7 @@ function tick(now) {
   }
   playStep(now);
   if (resting && !needed) {
-    // A texture takes several frames' time: those of the next photos are made now.
-    const next = nearestFree(poseOf(camera)).slice(0, 8).map((view) => photos.get(view, shownStep)).find((photo) => (photo.bitmap && !photo.texture) || (photo.depth && !photo.code));
-    if (next) drawer.upload(next);
+    prepareNext();
     return;
   }
   const changing = chooseSlots(now, elapsed, jump);
