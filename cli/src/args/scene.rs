@@ -217,12 +217,12 @@ impl SceneArgs {
 
     /// Opens the scene.
     pub(crate) fn open(&self) -> Result<SceneViews> {
-        self.open_at(None)
+        self.open_at(None, self.depth())
     }
 
-    /// Opens the scene at this width, unless `--width` is given.
-    pub(crate) fn open_at(&self, width: impl Into<Option<usize>>) -> Result<SceneViews> {
-        let options = SceneOptions { width: self.width.or(width.into()), ..self.options() };
-        Ok(SceneViews::new(Scene::open(&self.scene, &options)?, self.near, self.far))
+    /// Opens the scene at this width, unless `--width` is given, with a depth range (scene units).
+    pub(crate) fn open_at(&self, width: Option<usize>, (near, far): (Option<f64>, Option<f64>)) -> Result<SceneViews> {
+        let options = SceneOptions { width: self.width.or(width), ..self.options() };
+        Ok(SceneViews::new(Scene::open(&self.scene, &options)?, near, far))
     }
 }

@@ -47,7 +47,7 @@ pub(crate) struct BakeArgs {
 }
 
 pub(crate) fn run(args: &BakeArgs) -> Result<Output> {
-    let mut photos = ScenePhotos::new(args.scene.open_at(WIDTH)?);
+    let mut photos = ScenePhotos::new(args.scene.open_at(Some(WIDTH), args.scene.depth())?);
     let scene = photos.views().scene();
     print_notes(&scene.notes);
     let held_out = scene.with_held_out(held_out(scene, args.heldout, &args.target)?);

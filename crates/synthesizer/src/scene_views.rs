@@ -180,8 +180,8 @@ impl SceneViews {
     }
 }
 
-/// Groups of photos, evenly spread in the order of the views.
-const GROUPS: usize = 4;
+/// Groups of photos, evenly spread in the order of the views: as many as are needed for each photo to be in one, at most this many.
+const MAX_GROUPS: usize = 4;
 /// Photos of a group: one and its neighbours.
 const GROUP_PHOTOS: usize = 5;
 /// Photos are reduced by the whole factor that brings their longer side closest to this, pixels.
@@ -201,7 +201,7 @@ fn found_range(scene: &Scene, views: &[usize]) -> Result<Option<(f64, f64)>, Sce
     distances.sort_unstable_by(f64::total_cmp);
     let Some(&near) = distances.get(distances.len() / 2) else { return Ok(None) };
 
-    let groups = GROUPS.min(cameras.len());
+    let groups = cameras.len().div_ceil(GROUP_PHOTOS).min(MAX_GROUPS);
     let middles = (0..groups).map(|group| (2 * group + 1) * cameras.len() / (2 * groups));
     let groups: Vec<Vec<usize>> = middles
         .map(|middle| std::iter::once(middle).chain(neighbours(middle)).take(GROUP_PHOTOS).collect::<Vec<_>>())

@@ -52,7 +52,7 @@ pub(super) fn report(args: &InspectArgs, photos: &SceneViews) -> Result<Output> 
     let (section, mut target_json) = target_section(photos, target, views, args.layers.as_ref())?;
     text += &section;
     if target_json["warning"].is_null() {
-        let (section, shares) = agreement(&args.scene, target, views).unwrap_or_else(|error| {
+        let (section, shares) = agreement(&args.scene, photos, target, views).unwrap_or_else(|error| {
             let error = escaped(&full_text(&error));
             (format!("warning    cannot check whether the photos agree: {error}\n"), [None; 2])
         });
@@ -243,8 +243,11 @@ fn spacing(
 
 /// Whether the photos agree around a target that is rendered from so many views, as text.
 /// With it the share of the photos' depth that other photos confirm, and the share of the pixels on which they agree.
-fn agreement(scene: &SceneArgs, target: usize, views: usize) -> Result<(String, [Option<f64>; 2])> {
-    let (surface, agreeing) = agreement::of_view(&scene.open_at(SMALL_WIDTH)?, target, views)?;
+fn agreement(args: &SceneArgs, photos: &SceneViews, target: usize, views: usize) -> Result<(String, [Option<f64>; 2])> {
+    let View { name, camera, .. } = &photos.scene().views[target];
+    let (near, far) = photos.depth_range(&photos.choose(name, camera, &[target], views, &[])?, &[target])?;
+    let small = args.open_at(Some(SMALL_WIDTH), (Some(near), Some(far)))?;
+    let (surface, agreeing) = agreement::of_view(&small, target, views)?;
     let confirmed = surface.map(|surface| surface.confirmed_share);
     let percent = |share: Option<f64>| share.map_or_else(|| "-".to_owned(), |share| format!("{:.0} %", 100.0 * share));
     let mut text = format!(
