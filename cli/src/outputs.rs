@@ -15,7 +15,6 @@ use liveview_synthesizer::Scene;
 use serde_json::Value;
 
 use crate::args::{has_extension, refuse_stdout};
-use crate::console::print_message;
 
 /// The output files of a command.
 #[derive(Debug)]
@@ -276,26 +275,6 @@ fn json(file: &Path) -> Value {
     let bytes = bounded::without_byte_order_mark(&bytes);
     let first_line = || bytes.split(|&byte| byte == b'\n').next().unwrap_or_default();
     serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(first_line())).unwrap_or_default()
-}
-
-/// Prints a note if a folder holds pictures that this run did not write.
-pub(crate) fn note_other_pictures(folder: &Path, is_written: impl Fn(&Path) -> bool) {
-    let listed = if folder == Path::new("") { Path::new(".") } else { folder };
-    let entries = std::fs::read_dir(listed).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    let hidden = |name: &std::ffi::OsString| name.as_encoded_bytes().starts_with(b".");
-    let mut others: Vec<_> = entries
-        .filter(|name| {
-            has_extension(name.as_ref(), &["png", "jpg", "jpeg"]) && !hidden(name) && !is_written(&folder.join(name))
-        })
-        .collect();
-    others.sort();
-    if let Some(first) = others.first() {
-        let (count, listed, first) = (others.len(), listed.display(), first.display());
-        print_message(
-            "note",
-            format!("{listed} holds {count} other pictures, which this run did not write, such as {first}"),
-        );
-    }
 }
 
 /// Folders from which photos or the cameras of a rig are read.

@@ -244,21 +244,6 @@ fn outputs_never_overwrite_each_other() {
 }
 
 #[test]
-fn frames_of_an_earlier_run_are_reported() {
-    let folders = rig(4);
-    let frames = folders.out("frames");
-    let render = |count: &str| succeeds(&mut folders.render(&["--path", count, "-o", &frames, "--layers", "guided:1"]));
-    assert!(!render("line:5").contains("frames"));
-    let report = render("line:3");
-    assert!(report.contains(" holds 2 other pictures, ") && report.contains("frame_0003.png"), "{report}");
-    let frames = folders.out("film");
-    let film = |range: &str| succeeds(&mut video(&folders, &["--frames", range, "-o", &frames]));
-    assert!(!film(":4").contains("other pictures"));
-    let report = film(":1");
-    assert!(report.contains(" holds 3 other pictures, ") && report.contains("frame_000001.png"), "{report}");
-}
-
-#[test]
 fn record_is_extended_in_place() {
     let folders = Folders::new();
     let (record, first) = (folders.out("frames/liveview.jsonl"), folders.out("first"));

@@ -84,13 +84,14 @@ impl FollowedDepth {
 
     /// Updates it for the photo of a time step and its neighbours (at least one), from near to far (scene
     /// units); returns the share of the photo that was searched, 0 to 1. One that `waits` is updated after a
-    /// cut alone.
+    /// cut alone; one that is `coarse` is not decided at edges, but bilinear.
     pub fn update(
         &mut self,
         photo: &StepPhoto<'_>,
         neighbours: &[StepPhoto<'_>],
         (near, far): (f64, f64),
         waits: bool,
+        coarse: bool,
     ) -> f64 {
         let sweeps: Vec<_> = neighbours.iter().map(|n| PlaneSweep::new(n.camera, photo.camera)).collect();
         let (size, [half, quarter]) = (photo.camera.size(), photo.smaller);
@@ -128,12 +129,14 @@ impl FollowedDepth {
         search(&mask, &Planes::new(half), &sources(0, 2.0), &grid, candidates, &mut self.buffers, &mut self.half);
         let grid = grid.divided(2);
         let edges = self.enlarge(&mask, Size::new(half.width(), half.height()), size);
-        let nearest = neighbours.iter().zip(&sweeps).take(EDGE_NEIGHBOURS);
-        let from: Vec<_> = nearest.map(|(n, &sweep)| WarpSource::new(n.texture, sweep)).collect();
-        let (reference, costs) = (Planes::new(photo.texture), &mut self.buffers[0]);
-        costs_in(&edges, &reference, &from, &grid, Candidates::Own(&self.candidates), costs);
-        let pixels: Vec<usize> = (0..edges.len()).filter(|&at| edges[at]).collect();
-        aggregate_own(&pixels, &self.candidates, costs.as_chunks().0, &reference, &mut self.full);
+        if !coarse {
+            let nearest = neighbours.iter().zip(&sweeps).take(EDGE_NEIGHBOURS);
+            let from: Vec<_> = nearest.map(|(n, &sweep)| WarpSource::new(n.texture, sweep)).collect();
+            let (reference, costs) = (Planes::new(photo.texture), &mut self.buffers[0]);
+            costs_in(&edges, &reference, &from, &grid, Candidates::Own(&self.candidates), costs);
+            let pixels: Vec<usize> = (0..edges.len()).filter(|&at| edges[at]).collect();
+            aggregate_own(&pixels, &self.candidates, costs.as_chunks().0, &reference, &mut self.full);
+        }
         for (y, row) in self.disparity.outer_iter_mut().enumerate() {
             let mask = &mask[y / 2 * half.width()..];
             let pixels = row.into_iter().zip(&self.full[y * size.width..]).enumerate();
@@ -280,7 +283,7 @@ mod tests {
             photos.iter().map(|(_, photo)| [photo.shrunk(2), photo.shrunk(2).shrunk(2)]).collect();
         let all = photos.iter().zip(&smaller);
         let all: Vec<_> = all.map(|((camera, texture), smaller)| StepPhoto { camera, texture, smaller }).collect();
-        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL), waits)
+        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL), waits, false)
     }
 
     /// Share of the pixels, but those near the photo's sides, whose depth is right to half a pixel.

@@ -3,7 +3,7 @@
 mod scene;
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -28,10 +28,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Output> {
     if let Some(option) = args.model.option_of_run() {
         bail!("{option}: expected --planes with it");
     }
-    match args.scene.open() {
-        Err(_) if !model_files(path).is_empty() => models(path, &args.model),
-        photos => scene::report(args, &photos?),
-    }
+    scene::report(args, &args.scene.open()?)
 }
 
 const EXAMPLES: &str = "\
@@ -40,12 +37,11 @@ Examples:
   liveview inspect scene --target IMG_7.jpg --views 5 --layers planes:128
   The histogram over 64 planes, and the 16 that are selected:
     liveview inspect scene --target IMG_7.jpg --planes
-  A model's card, or those of all models in a folder:
-    liveview inspect models/liveview_v4.onnx
-    liveview inspect models";
+  A model's card:
+    liveview inspect models/liveview_v4.onnx";
 
 /// Help of the first argument.
-const PATH: &str = "Scene folder as for `render`, a model (.onnx), or a folder of models";
+const PATH: &str = "Scene folder as for `render`, or a model (.onnx)";
 
 /// Options of `liveview inspect`.
 #[derive(Debug, Args)]
@@ -67,38 +63,10 @@ pub(crate) struct InspectArgs {
     pub(super) scene: SceneArgs,
 }
 
-/// The models in a folder, by name.
-fn model_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut models: Vec<PathBuf> = entries.filter(|file| has_extension(file, &["onnx"])).collect();
-    models.sort();
-    models
-}
-
 /// The card of a model.
 fn model(file: &Path, args: &ModelArgs) -> Result<Output> {
     let card = card(&library(args)?, file)?;
     Ok(Output { text: card_text(&escaped(&path_text(file)), &card), json: card_json(file, &card) })
-}
-
-/// The cards of all models in a folder.
-fn models(folder: &Path, args: &ModelArgs) -> Result<Output> {
-    let library = library(args)?;
-    let (mut text, mut models) = (String::new(), Vec::new());
-    for file in model_files(folder) {
-        let name = escaped(&path_text(&file));
-        match card(&library, &file) {
-            Ok(card) => {
-                text += &card_text(&name, &card);
-                models.push(card_json(&file, &card));
-            }
-            Err(error) => {
-                let _ = writeln!(text, "{name}\n  cannot be used: {}", escaped(&error.to_string()));
-                models.push(json!({ "file": path_text(&file), "error": error.to_string() }));
-            }
-        }
-    }
-    Ok(Output { text, json: json!({ "folder": path_text(folder), "models": models }) })
 }
 
 fn library(args: &ModelArgs) -> Result<OrtLibrary> {

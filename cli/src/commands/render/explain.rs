@@ -4,21 +4,17 @@ use std::fmt::Write;
 use std::path::Path;
 
 use anyhow::Result;
-use glam::DVec2;
-use liveview::geometry::PlaneSweep;
 use liveview::layers::{CELL, Layer};
 use liveview::network::Alpha;
 use liveview::render::ViewCorrection;
-use liveview::{Camera, Frame, ImageRgb};
+use liveview::{Frame, ImageRgb};
 use liveview_scene::save_picture;
 use liveview_surface::guided::RangeMap;
-use liveview_surface::parallax::parallax;
 use liveview_synthesizer::colormap::{coloured, side_by_side};
-use liveview_synthesizer::{Plan, SceneViews, Shot, TargetSurface};
+use liveview_synthesizer::{Plan, Shot, TargetSurface};
 use ndarray::{Array2, Axis, s};
 use serde_json::{Value, json};
 
-use crate::commands::sweep::quantile;
 use crate::console::{Output, path_text};
 use crate::job::{Job, Times};
 
@@ -38,7 +34,7 @@ pub(super) fn explain(file: &Path, job: &Job, about: &Explained<'_>) -> Result<O
     let mut text = String::new();
     let mut json = json!({ "file": path_text(file) });
     let picture = match (&about.plan.range, &about.plan.surface) {
-        (Some(range), _) => guided(job, about, range, &mut text, &mut json),
+        (Some(range), _) => guided(about, range, &mut text),
         (None, Some(target_surface)) => surface(about, target_surface, &mut text, &mut json),
         (None, None) => planes(about, job.synthesizer.renderer().alpha(), &mut text, &mut json),
     };
@@ -49,53 +45,14 @@ pub(super) fn explain(file: &Path, job: &Job, about: &Explained<'_>) -> Result<O
     Ok(Output { text, json })
 }
 
-/// The depth ranges of the pixels, and how many uniform planes would be spaced as closely.
-fn guided(job: &Job, about: &Explained<'_>, range: &RangeMap, text: &mut String, json: &mut Value) -> ImageRgb {
-    let full_range = 1.0 / about.shot.near - 1.0 / about.shot.far;
-    let spans = &range.nearest - &range.farthest;
-    let mut shares: Vec<f64> = spans.iter().map(|&span| f64::from(span) / full_range).collect();
-    let [median, percentile_95] = [0.5, 0.95].map(|fraction| quantile(&mut shares, fraction));
-    let width = width_in_pixels(job.synthesizer.views(), about.shot, range);
-    let mut widths: Vec<f64> = width.iter().map(|&w| f64::from(w)).collect();
-    let pixels = quantile(&mut widths, 0.5);
-    let layers = about.plan.layers.len();
-    let equivalent = ((layers.saturating_sub(1)) as f64 / median).ceil().max(1.0) + 1.0;
-    let _ = writeln!(
-        text,
-        "layers  {layers} within each pixel's own depth range: at most {:.1} % of the full range for half of the \
-         pixels ({pixels:.1} pixels of parallax), {:.1} % for 95 % of them",
-        100.0 * median,
-        100.0 * percentile_95
-    );
-    if layers > 1 {
-        let _ = writeln!(text, "planes  {equivalent:.0} uniform planes would be spaced as closely");
-    }
-    json["range_share"] = json!({ "median": median, "percentile_95": percentile_95 });
-    json["range_pixels_median"] = json!(pixels);
-    json["equivalent_uniform_planes"] = json!((layers > 1).then_some(equivalent));
-    range_picture(about.shot, range, &width)
-}
-
-/// Nearest disparity, farthest disparity and width of the range, side by side.
-fn range_picture(shot: &Shot, range: &RangeMap, width: &Array2<f32>) -> ImageRgb {
-    let (low, high) = ((1.0 / shot.far) as f32, (1.0 / shot.near) as f32);
-    let widest = width.iter().copied().fold(0.0, f32::max);
-    let size = (shot.target.height(), shot.target.width());
+/// Nearest and farthest disparity of each pixel's range, side by side.
+fn guided(about: &Explained<'_>, range: &RangeMap, text: &mut String) -> ImageRgb {
+    let _ = writeln!(text, "layers  {} within each pixel's own depth range", about.plan.layers.len());
+    let Shot { near, far, target, .. } = about.shot;
+    let size = (target.height(), target.width());
     let full = |map: &Array2<f32>| Array2::from_shape_fn(size, |(y, x)| map[(y / CELL, x / CELL)]);
-    let maps = [(&range.nearest, low, high), (&range.farthest, low, high), (width, 0.0, widest)]
-        .map(|(map, low, high)| coloured(full(map).view(), low, high));
-    side_by_side(&maps.each_ref())
-}
-
-/// The depth range of each cell in pixels of parallax, in the view where it is largest.
-fn width_in_pixels(views: &SceneViews, shot: &Shot, range: &RangeMap) -> Array2<f32> {
-    let views: Vec<(&Camera, PlaneSweep)> =
-        views.cameras(&shot.views).map(|view| (view, PlaneSweep::new(view, &shot.target))).collect();
-    Array2::from_shape_fn(range.nearest.dim(), |(y, x)| {
-        let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * CELL as f64;
-        let ends = (range.nearest[(y, x)].into(), range.farthest[(y, x)].into());
-        views.iter().filter_map(|(view, sweep)| parallax(view, sweep, pixel, ends)).fold(0.0, f64::max) as f32
-    })
+    let picture = |map| coloured(full(map).view(), (1.0 / far) as f32, (1.0 / near) as f32);
+    side_by_side(&[&picture(&range.nearest), &picture(&range.farthest)])
 }
 
 /// The picture with its guessed pixels marked, beside the surface.

@@ -82,7 +82,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     if let Some(warning) = agreement::warning(shares.iter().sum::<f64>() / shares.len() as f64) {
         print_message("warning", warning);
     }
-    let video = outputs.finish(&all)?;
+    let video = outputs.finish()?;
     let share = args.frames.as_ref().map(|_| (frames.clone(), all.len()));
     let mut output = summary::rendered(&job, &done, moving, share, video, explanation);
     if let Some(file) = &args.scores {

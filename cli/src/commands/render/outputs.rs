@@ -20,7 +20,7 @@ use super::summary::Rendered;
 use crate::args::numbers::frame_rate;
 use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
-use crate::outputs::{OutputPlan, note_other_pictures};
+use crate::outputs::OutputPlan;
 
 /// Amplification of the difference in a comparison.
 const DIFFERENCE_FACTOR: f32 = 4.0;
@@ -209,18 +209,8 @@ impl Outputs {
         Ok(digests)
     }
 
-    /// Finishes the video, if there is one, and returns its file; prints a note on other pictures
-    /// in the folders.
-    pub(super) fn finish(self, all: &[Shot]) -> Result<Option<PathBuf>> {
-        let files: Vec<PathBuf> = all.iter().flat_map(|shot| self.files(shot)).collect();
-        let files: HashSet<&Path> = files.iter().map(|file| file.as_path()).collect();
-        let mut folders: Vec<&Path> = files.iter().filter_map(|file| file.parent()).collect();
-        folders.sort_unstable();
-        folders.dedup();
-        // A single picture does not belong to a sequence that others could be mixed up with.
-        if all.len() > 1 {
-            folders.into_iter().for_each(|folder| note_other_pictures(folder, |path| files.contains(path)));
-        }
+    /// Finishes the video, if there is one, and returns its file.
+    pub(super) fn finish(self) -> Result<Option<PathBuf>> {
         self.video.map(Encoder::finish).transpose()
     }
 }

@@ -1,6 +1,7 @@
-//! Adapts the work per frame of a live video to the machine's speed: first the layers, then the size of the target. It lowers the level
+//! Adapts the work per frame of a live video to the machine's speed: first layers and depth, then the size of the target. It lowers the level
 //! at once as far as the budget is expected to need, and raises it one level at a time.
 
+use std::fmt;
 use std::time::Duration;
 
 use liveview_synthesizer::LayerSpec;
@@ -17,14 +18,25 @@ const MAX_FITTING_FRAMES: usize = 30 * 32;
 const RAISE_SHARE: f64 = 0.8;
 /// Work of surface layers to find where photos change, in layers of the full size.
 const DEPTH_WORK: f64 = 4.0;
+/// The same where depth is coarse.
+const COARSE_DEPTH_WORK: f64 = 2.8;
 
 /// How a frame is rendered: a level of work.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Level {
     /// The layers of a frame.
     pub(super) layers: LayerSpec,
+    /// Whether depth that follows is coarse.
+    pub(super) coarse_depth: bool,
     /// Scale of the target's sides, at most 1.
     pub(super) scale: f64,
+}
+
+impl fmt::Display for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let depth = if self.coarse_depth { ", coarse depth," } else { "" };
+        write!(f, "{}{depth} at {:.0} % of the size", self.layers, 100.0 * self.scale)
+    }
 }
 
 impl Level {
@@ -34,7 +46,7 @@ impl Level {
         let (layers, depth) = match self.layers {
             LayerSpec::Guided { layers, .. } => (layers + 1, 0.0),
             // The depth search is on photos: it does not depend on the target's size.
-            LayerSpec::Surface(layers) => (layers, DEPTH_WORK),
+            LayerSpec::Surface(layers) => (layers, if self.coarse_depth { COARSE_DEPTH_WORK } else { DEPTH_WORK }),
             _ => (1, 0.0),
         };
         layers as f64 * self.scale * self.scale + depth
@@ -58,23 +70,24 @@ pub(super) struct Governor {
 }
 
 impl Governor {
-    /// The levels below `layers`: fewer guided layers; below surface layers guided ones, of which a single one without opacities of a
+    /// The levels below `layers`: fewer guided layers; below surface layers coarse depth, then guided ones, of which a single one without opacities of a
     /// network; of planes only the size changes.
     pub(super) fn new(budget: Duration, layers: &LayerSpec, opacities: bool) -> Self {
-        let fewer = match *layers {
+        let level = |layers| Level { layers, coarse_depth: false, scale: 1.0 };
+        let mut levels = vec![level(layers.clone())];
+        match *layers {
             LayerSpec::Guided { layers, coarse_planes } => {
                 let fewer = [4, 2, 1].into_iter().filter(|&fewer| fewer < layers);
-                fewer.map(|layers| LayerSpec::Guided { layers, coarse_planes }).collect()
+                levels.extend(fewer.map(|layers| level(LayerSpec::Guided { layers, coarse_planes })));
             }
             LayerSpec::Surface(layers) => {
-                let one = (layers > 1).then_some(LayerSpec::Surface(1));
-                let two = opacities.then_some(LayerSpec::guided(2));
-                one.into_iter().chain(two).chain([LayerSpec::guided(1)]).collect()
+                levels.extend((layers > 1).then(|| level(LayerSpec::Surface(1))));
+                levels.push(Level { coarse_depth: true, ..level(LayerSpec::Surface(1)) });
+                levels.extend(opacities.then(|| level(LayerSpec::guided(2))));
+                levels.push(level(LayerSpec::guided(1)));
             }
-            _ => Vec::new(),
-        };
-        let level = |layers| Level { layers, scale: 1.0 };
-        let mut levels: Vec<Level> = std::iter::once(layers.clone()).chain(fewer).map(level).collect();
+            _ => (),
+        }
         let least = levels[levels.len() - 1].clone();
         levels.extend([0.75, 0.5].map(|scale| Level { scale, ..least.clone() }));
         Self { budget, levels, current: 0, late: 0, fitting: 0, raise_after: FITTING_FRAMES }
@@ -170,17 +183,23 @@ mod tests {
     fn guided_layers_are_the_levels_below_surface_layers() {
         let ladder = |layers, opacities| {
             let governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(layers), opacities);
-            governor.levels.iter().map(|level| format!("{} {}", level.layers, level.scale)).collect::<Vec<_>>()
+            governor
+                .levels
+                .iter()
+                .map(|Level { layers, coarse_depth, scale }| format!("{layers} {coarse_depth} {scale}"))
+                .collect::<Vec<_>>()
         };
-        let below = ["guided:2 1", "guided:1 1", "guided:1 0.75", "guided:1 0.5"];
-        assert_eq!(ladder(2, true), [&["surface:2 1", "surface:1 1"], &below[..]].concat());
-        assert_eq!(ladder(1, true), [&["surface:1 1"], &below[..]].concat());
-        assert_eq!(ladder(1, false), [&["surface:1 1"], &below[1..]].concat());
+        let below = ["guided:2 false 1", "guided:1 false 1", "guided:1 false 0.75", "guided:1 false 0.5"];
+        let surface = ["surface:1 false 1", "surface:1 true 1"];
+        assert_eq!(ladder(2, true), [&["surface:2 false 1"], &surface[..], &below[..]].concat());
+        assert_eq!(ladder(1, true), [&surface[..], &below[..]].concat());
+        assert_eq!(ladder(1, false), [&surface[..], &below[1..]].concat());
         let mut governor = Governor::new(Duration::from_millis(33), &LayerSpec::Surface(1), true);
-        let levels = levels_after(&mut governor, 3, 50);
-        assert_eq!(pairs(&levels), [(2, 1.0)], "work 5 and 3: of 50 ms 30");
-        assert_eq!(levels_after(&mut governor, 100, 17), [], "surface layers would take 28 ms");
-        let back = levels_after(&mut governor, 100, 10);
+        assert!(levels_after(&mut governor, 3, 40)[0].coarse_depth, "work 5 and 3.8: of 40 ms 30");
+        let levels = levels_after(&mut governor, 3, 40);
+        assert_eq!(pairs(&levels), [(2, 1.0)], "work 3.8 and 3: of 40 ms 31.6");
+        assert_eq!(levels_after(&mut governor, 100, 21), [], "surface layers would take 26.6 ms");
+        let back = levels_after(&mut governor, 200, 10);
         assert_eq!(back[0].layers, LayerSpec::Surface(1));
     }
 }

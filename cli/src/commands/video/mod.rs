@@ -5,7 +5,6 @@ mod governor;
 mod player;
 mod report;
 
-use std::collections::HashSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicUsize;
@@ -28,7 +27,7 @@ use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, camera
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;
-use crate::outputs::{OutputPlan, note_other_pictures};
+use crate::outputs::OutputPlan;
 use gather::{Clock, Faults, Gathering};
 use governor::Governor;
 use player::{FRAME_PREFIX, Player, Sink, frame_file};
@@ -93,7 +92,7 @@ pub(crate) struct VideoArgs {
     ///
     /// Frames are due at the rate of --fps. If three frames in a row exceed the budget, or one
     /// takes more than twice as long, the number of layers is reduced (surface layers first to one,
-    /// then to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
+    /// then to coarse depth and to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     latency: Option<Duration>,
     /// Camera of the rig that runs, and what ffmpeg opens: rtsp://…, udp://…, /dev/video0, a file that grows; repeatable
@@ -189,7 +188,7 @@ fn play(args: &VideoArgs) -> Result<Output> {
         bail!("a video of {target} from {count} cameras such as {size} {error}; expected smaller photos");
     }
     let (near, far) = rig.views.depth_range(&read, &[])?;
-    let live_settings = LiveSettings { near, far, layers: layers.clone(), policy, keep_exposure };
+    let live_settings = LiveSettings { near, far, layers: layers.clone(), policy, keep_exposure, coarse_depth: false };
     let cameras = scene.views.iter().map(|view| view.camera.clone()).collect();
     let session = LiveSession::new(cameras, renderers, live_settings)?;
     let known = read.iter().map(|&camera| rig.feeds[camera].steps()).collect::<Option<Vec<_>>>();
@@ -234,7 +233,6 @@ fn play(args: &VideoArgs) -> Result<Output> {
         faults: Mutex::new(Faults { cameras: rig.feeds.iter().map(|_| (0, None)).collect() }),
         wanted: AtomicUsize::new(first),
     });
-    let is_folder = matches!(sink, Sink::Folder { .. });
     let player = Player {
         session,
         settled: false,
@@ -250,10 +248,6 @@ fn play(args: &VideoArgs) -> Result<Output> {
     bar.finish_and_clear();
     let (played, file) = played?;
     let frames = played.written.frames;
-    if is_folder {
-        let written: HashSet<PathBuf> = (0..frames).map(|index| frame_file(&args.output, index)).collect();
-        note_other_pictures(&args.output, |other| written.contains(other));
-    }
     let (text, mut json) = summary(&rig, &viewpoint, &played, file.as_deref(), (&layers, policy));
     if let (Value::Object(json), Value::Object(model)) = (&mut json, model.json()) {
         json.extend(model);

@@ -144,7 +144,7 @@ impl Player<'_> {
         let settled = std::mem::replace(&mut self.settled, true);
         let live = self.live.as_mut().filter(|_| settled);
         if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {
-            self.session.set_layers(level.layers.clone());
+            self.session.set_layers(level.layers.clone(), level.coarse_depth);
             self.settled = false;
             self.changes.push((step.index + 1, level.clone()));
         }

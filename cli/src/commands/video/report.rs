@@ -289,7 +289,7 @@ pub(super) fn summary(
         line("latency", format!("median {median} ms, 95 % {high} ms, 99 % {most} ms"));
     }
     for (step, level) in changes {
-        line("level", format!("from frame {step}: {} at {:.0} % of the size", level.layers, 100.0 * level.scale));
+        line("level", format!("from frame {step}: {level}"));
     }
     if tally.logits_not_finite > 0 {
         line("network", format!("{} of its logits over all frames are NaN or infinite", tally.logits_not_finite));
@@ -325,7 +325,7 @@ pub(super) fn summary(
     if let Some(file) = file {
         line("wrote", file.display().to_string());
     }
-    let change = |(step, level): &(usize, Level)| json!({ "from_frame": step, "layers": level.layers.to_string(), "scale": level.scale });
+    let change = |(step, level): &(usize, Level)| json!({ "from_frame": step, "layers": level.layers.to_string(), "coarse_depth": level.coarse_depth, "scale": level.scale });
     let mut json = tally.json();
     let more = json!({
         "rig": scene.root.display().to_string(), "format": scene.format.to_string(), "cameras": rig.views.names(&(0..rig.feeds.len()).collect::<Vec<_>>()),

@@ -21,6 +21,8 @@ use rayon::prelude::*;
 const NEW_SHARE: f64 = 0.75;
 /// The depth of the nearest photos follows in each step, that of the others in every second.
 const NEAREST: usize = 2;
+/// Neighbours that depth is found from where it is coarse.
+const COARSE_NEIGHBOURS: usize = 3;
 
 /// Depth maps of the cameras of a rig.
 #[derive(Debug)]
@@ -38,7 +40,7 @@ impl CameraDepths {
 
     /// The photos of a time step near the target, with their depth: searched where there is none yet, and
     /// where `reuse` says. The frame is rendered from the nearest ones, `rendered_from`. Depth that `follows`
-    /// does without further photos.
+    /// does without further photos, and may be `coarse`.
     pub(super) fn photos<'a>(
         &'a mut self,
         step: &'a Step<'_>,
@@ -46,6 +48,7 @@ impl CameraDepths {
         rendered_from: usize,
         reuse: Reuse,
         follows: bool,
+        coarse: bool,
     ) -> PhotosWithDepth<'a> {
         if reuse == Reuse::Nothing {
             self.maps.retain(&[], &[]);
@@ -58,7 +61,8 @@ impl CameraDepths {
             .collect();
         let range = self.maps.range();
         let searched = if follows {
-            let others = wanted.iter().flat_map(|&camera| neighbours(step, camera));
+            let number = if coarse { COARSE_NEIGHBOURS } else { NEIGHBOURS };
+            let others = wanted.iter().flat_map(|&camera| neighbours(step, camera).take(number));
             let needed: BTreeSet<usize> = wanted.iter().copied().chain(others).collect();
             // Before the searches, which run in parallel and would wait for each other's photos.
             needed.into_par_iter().for_each(|camera| {
@@ -69,11 +73,11 @@ impl CameraDepths {
             let waits = |camera| set.iter().skip(first).step_by(2).any(|&other| other == camera);
             let cameras = self.followed.par_iter_mut().enumerate().filter(|(camera, _)| wanted.contains(camera));
             let update = |(camera, followed): (usize, &mut FollowedDepth)| {
-                let neighbours: Vec<_> = neighbours(step, camera).map(|other| step.photo(other)).collect();
+                let neighbours: Vec<_> = neighbours(step, camera).take(number).map(|other| step.photo(other)).collect();
                 if neighbours.is_empty() {
                     return (1.0, camera, Some(PhotoDisparity::unknown(step.cameras[camera].size())));
                 }
-                let searched = followed.update(&step.photo(camera), &neighbours, range, waits(camera));
+                let searched = followed.update(&step.photo(camera), &neighbours, range, waits(camera), coarse);
                 (searched, camera, (searched > 0.0).then(|| followed.depth()))
             };
             let updated: Vec<_> = cameras.map(update).collect();

@@ -105,13 +105,16 @@ pub struct LiveSettings {
     /// Whether surface layers leave the exposure of the photos unchanged; by default it is
     /// balanced.
     pub keep_exposure: bool,
+    /// Whether depth that follows is coarse: from fewer photos, and not decided at edges. Three quarters of the time
+    /// (docs/design-log/video.md).
+    pub coarse_depth: bool,
 }
 
 impl LiveSettings {
     /// Two guided layers, the surface propagated from frame to frame.
     pub fn new(near: f64, far: f64) -> Self {
         let layers = LayerSpec::guided(2);
-        Self { near, far, policy: Policy::default_for(&layers), layers, keep_exposure: false }
+        Self { near, far, policy: Policy::default_for(&layers), layers, keep_exposure: false, coarse_depth: false }
     }
 }
 
@@ -207,9 +210,9 @@ impl LiveSession {
         &self.cameras
     }
 
-    /// Sets the layers of the next frames.
-    pub fn set_layers(&mut self, layers: LayerSpec) {
-        self.settings.layers = layers;
+    /// Sets the layers of the next frames, and whether depth that follows is coarse.
+    pub fn set_layers(&mut self, layers: LayerSpec, coarse_depth: bool) {
+        (self.settings.layers, self.settings.coarse_depth) = (layers, coarse_depth);
     }
 
     /// Drops what is reused of earlier frames: the next is rendered like the first.
@@ -246,7 +249,8 @@ impl LiveSession {
             photo_correction: PhotoCorrection { exposure: !self.settings.keep_exposure, ..PhotoCorrection::default() },
         };
         let plan = find_layers::<LiveError>(&self.settings.layers, &mut self.carried, &input, reuse, |reuse| {
-            Ok(self.depths.photos(&step, target, views.len(), reuse, self.settings.policy == Policy::Propagate))
+            let LiveSettings { policy, coarse_depth, .. } = self.settings;
+            Ok(self.depths.photos(&step, target, views.len(), reuse, policy == Policy::Propagate, coarse_depth))
         })?;
         self.age = if matches!(plan.source, LayerSource::Searched | LayerSource::Dense) { 0 } else { self.age + 1 };
         let found = Instant::now();
