@@ -40,7 +40,7 @@ fn held_out_view_is_rendered_scored_and_compared() {
     assert!(score > 40.0, "{score}");
     assert!((target["psnr"].as_f64().unwrap() - score).abs() < 1e-9, "{score} dB from the file, {report}");
     let size = image::read_size(compare.as_ref()).unwrap();
-    assert_eq!(size, Size::new(2 * WIDTH as usize + 4, HEIGHT as usize));
+    assert_eq!(size, Size::new(3 * WIDTH as usize + 8, HEIGHT as usize));
 
     let scale: Value = serde_json::from_slice(&fs::read(folders.out("d_scale.json")).unwrap()).unwrap();
     let grey = ::image::open(&depth).unwrap().into_luma16();

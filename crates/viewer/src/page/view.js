@@ -19,6 +19,7 @@ let slots = []; // { photo, weight, target }
 let [level, fastFrames, slowFrames] = [1, 0, 0];
 let [flight, run, recording] = [undefined, undefined, undefined];
 let [pressed, movedAt, pivot] = [false, -Infinity, undefined];
+let searching = true; // until the depth of the nearest photos is there: the same machine may search for it
 let [drawn, frames, fence, needed, resting] = [0, [], undefined, true, false];
 let [step, shownStep, playing, playedFrom] = [0, 0, false, 0];
 let drawer;
@@ -198,7 +199,7 @@ function tick(now) {
   const changing = chooseSlots(now, elapsed, jump);
   if (slots.length === 0) return;
   const moving = pressed || flight || run !== undefined || playing || now - movedAt < REST;
-  const full = !moving && !changing;
+  const full = !moving && !changing && !searching;
   if (!(needed || changing || full)) return;
   begun = performance.now();
   // First the photo at the start: a slow machine takes a second to prepare all other passes.
@@ -285,7 +286,9 @@ function arrived(photo) {
 function showStatus() {
   const { far, share } = beyond(poseOf(camera));
   const known = free.map((view) => photos.get(view, shownStep));
-  const found = known.filter(({ state, hasDepth }) => state === "depth" || !hasDepth).length;
+  const isFound = ({ state, hasDepth }) => state === "depth" || !hasDepth;
+  const found = known.filter(isFound).length;
+  searching = !video && !nearestFree(poseOf(camera)).slice(0, 8).every((view) => isFound(photos.get(view, shownStep)));
   const name = at === undefined ? "" : ` · at ${views[at].name}`;
   const progress = video || found === known.length ? "" : `depth of ${found} of ${known.length} photos`;
   const places = far < 2 ? "Turned away from the photos" : `${far.toFixed(0)} times as far as from photo to photo`;
