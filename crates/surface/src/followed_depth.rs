@@ -278,12 +278,16 @@ mod tests {
     }
 
     fn update_or_wait(depth: &mut FollowedDepth, board: bool, waits: bool) -> f64 {
+        update_with(depth, board, waits, false)
+    }
+
+    fn update_with(depth: &mut FollowedDepth, board: bool, waits: bool, coarse: bool) -> f64 {
         let photos = photos(board);
         let smaller: Vec<[Texture; 2]> =
             photos.iter().map(|(_, photo)| [photo.shrunk(2), photo.shrunk(2).shrunk(2)]).collect();
         let all = photos.iter().zip(&smaller);
         let all: Vec<_> = all.map(|((camera, texture), smaller)| StepPhoto { camera, texture, smaller }).collect();
-        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL), waits, false)
+        depth.update(&all[0], &all[1..], (FOCAL / 20.0, FOCAL), waits, coarse)
     }
 
     /// Share of the pixels, but those near the photo's sides, whose depth is right to half a pixel.
@@ -322,6 +326,17 @@ mod tests {
         assert!(update_or_wait(&mut depth, true, false) > 0.1, "the change is not forgotten");
         depth.colours.iter_mut().for_each(|colour| *colour = colour.map(|value| 1.0 - value));
         assert!(update_or_wait(&mut depth, true, true) > CUT_SHARE);
+    }
+
+    #[test]
+    fn coarse_depth_is_less_right_at_edges_alone() {
+        let [mut fine, mut coarse] = [(), ()].map(|()| FollowedDepth::default());
+        update(&mut fine, true);
+        update_with(&mut coarse, true, false, true);
+        let [of_fine, of_coarse] = [&fine, &coarse].map(|depth| right(depth, true));
+        assert!(of_coarse > 0.9 && of_coarse < of_fine, "{of_coarse} {of_fine}");
+        let differs = fine.disparity.iter().zip(&coarse.disparity).filter(|(fine, coarse)| fine != coarse).count();
+        assert!(differs < SIZE.pixels() / 5, "{differs}");
     }
 
     #[test]
