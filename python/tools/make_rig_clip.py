@@ -62,7 +62,7 @@ def draw(job):
     path = args.out / name / f"{frame:04}.jpg"
     path.parent.mkdir(parents=True, exist_ok=True)
     quality = max(args.quality, 85) if name == "target" else args.quality
-    Image.fromarray(image).save(path, quality=quality, subsampling="4:4:4", optimize=True, progressive=True)
+    Image.fromarray(image).save(path, quality=quality, subsampling="4:4:4", optimize=True)
 
 
 def write_cameras(out, width, height):

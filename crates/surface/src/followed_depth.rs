@@ -128,8 +128,10 @@ impl FollowedDepth {
         let candidates = Candidates::Segments { starts: &starts, columns, cells_per_side: 2 };
         search(&mask, &Planes::new(half), &sources(0, 2.0), &grid, candidates, &mut self.buffers, &mut self.half);
         let grid = grid.divided(2);
-        let edges = self.enlarge(&mask, Size::new(half.width(), half.height()), size);
+        let half_size = Size::new(half.width(), half.height());
+        self.enlarge(&mask, half_size, size);
         if !coarse {
+            let edges = self.edges(&mask, half_size, size);
             let nearest = neighbours.iter().zip(&sweeps).take(EDGE_NEIGHBOURS);
             let from: Vec<_> = nearest.map(|(n, &sweep)| WarpSource::new(n.texture, sweep)).collect();
             let (reference, costs) = (Planes::new(photo.texture), &mut self.buffers[0]);
@@ -179,25 +181,12 @@ impl FollowedDepth {
         mask
     }
 
-    /// Sets index and candidates of the pixels of a mask of cells; returns which pixels are at an edge.
-    fn enlarge(&mut self, mask: &[bool], half: Size, size: Size) -> Vec<bool> {
-        let mut edges = vec![false; size.pixels()];
+    /// Sets the index of the pixels of a mask of cells, bilinear.
+    fn enlarge(&mut self, mask: &[bool], half: Size, size: Size) {
         let index = |x: usize, y: usize| self.half[y * half.width + x];
-        let around = |at: usize, side: usize| at.saturating_sub(1)..(at + 2).min(side);
-        for (cell, _) in mask.iter().enumerate().filter(|(_, searched)| **searched) {
-            let (x, y) = (cell % half.width, cell / half.width);
+        for (x, y) in cells_of(mask, half) {
             let own = index(x, y);
-            let (mut near, mut far) = (own, own);
-            for y in around(y, half.height) {
-                for &index in &self.half[y * half.width..][around(x, half.width)] {
-                    (near, far) = (near.min(index), far.max(index));
-                }
-            }
-            let is_edge = far - near > EDGE;
-            for (px, py) in [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, below)| (2 * x + right, 2 * y + below)) {
-                if px >= size.width || py >= size.height {
-                    continue;
-                }
+            for (px, py) in pixels_of((x, y), size) {
                 let beside =
                     |at: usize, pixel: usize, side: usize| (at + 2 * (pixel % 2)).saturating_sub(1).min(side - 1);
                 let (bx, by) = (beside(x, px, half.width), beside(y, py, half.height));
@@ -207,13 +196,43 @@ impl FollowedDepth {
                         (sum, total) = (sum + weight * index, total + weight);
                     }
                 }
-                let (at, smooth) = (py * size.width + px, 2.0 * sum / total);
-                (self.full[at], edges[at]) = (smooth, is_edge);
+                self.full[py * size.width + px] = 2.0 * sum / total;
+            }
+        }
+    }
+
+    /// Sets the candidates of the pixels at edges of a mask of cells; returns which they are.
+    fn edges(&mut self, mask: &[bool], half: Size, size: Size) -> Vec<bool> {
+        let mut edges = vec![false; size.pixels()];
+        let around = |at: usize, side: usize| at.saturating_sub(1)..(at + 2).min(side);
+        for (x, y) in cells_of(mask, half) {
+            let (mut near, mut far) = (f32::MAX, f32::MIN);
+            for y in around(y, half.height) {
+                for &index in &self.half[y * half.width..][around(x, half.width)] {
+                    (near, far) = (near.min(index), far.max(index));
+                }
+            }
+            let is_edge = far - near > EDGE;
+            for (px, py) in pixels_of((x, y), size) {
+                let at = py * size.width + px;
+                let smooth = self.full[at];
+                edges[at] = is_edge;
                 self.candidates[at] = if is_edge { [smooth, 2.0 * near, 2.0 * far] } else { [smooth; OWN] };
             }
         }
         edges
     }
+}
+
+/// The cells of a mask.
+fn cells_of(mask: &[bool], Size { width, .. }: Size) -> impl Iterator<Item = (usize, usize)> {
+    mask.iter().enumerate().filter(|(_, searched)| **searched).map(move |(cell, _)| (cell % width, cell / width))
+}
+
+/// The pixels of a cell of half the size.
+fn pixels_of((x, y): (usize, usize), size: Size) -> impl Iterator<Item = (usize, usize)> {
+    let all = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, below)| (2 * x + right, 2 * y + below));
+    all.into_iter().filter(move |&(x, y)| x < size.width && y < size.height)
 }
 
 /// Searches the cells of a mask; `index` is that of all cells.
