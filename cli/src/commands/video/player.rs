@@ -23,10 +23,12 @@ use indicatif::ProgressBar;
 use liveview_live::ffmpeg::{Encoder, FrameRate, is_address, is_video};
 use liveview_live::interrupt::{self, Interrupted};
 use liveview_live::rig::Feed;
-use liveview_live::session::{LiveError, LiveSession};
+use liveview_live::session::{LayerSource, LiveError, LiveSession};
 
 /// Frames queued between the renderer and the writer.
 const QUEUED_FRAMES: usize = 2;
+/// A propagated frame of which more than this share was searched shows something else than the last: a cut.
+const CUT_SHARE: f64 = 0.5;
 
 /// Renders time steps and passes the frames to the writer.
 pub(super) struct Player<'a> {
@@ -140,8 +142,9 @@ impl Player<'_> {
             }
         };
         self.tally.add(&step, &frame, scores)?;
-        // The first frame of a level takes longer: its time does not count.
-        let settled = std::mem::replace(&mut self.settled, true);
+        // The first frame of a level and that of a cut take longer: their times do not count.
+        let is_cut = matches!(frame.layer_source, LayerSource::Propagated { refreshed } if refreshed > CUT_SHARE);
+        let settled = std::mem::replace(&mut self.settled, true) && !is_cut;
         let live = self.live.as_mut().filter(|_| settled);
         if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {
             self.session.set_layers(level.layers.clone(), level.coarse_depth);
