@@ -59,13 +59,12 @@ impl OutputPlan {
     /// # Errors
     ///
     /// If it would overwrite an input, another output, or a file of the scene or JSON that the
-    /// program did not write, or the record of a run; if it would be read as part of the scene; or
-    /// if it cannot be a file.
+    /// program did not write; if it would be read as part of the scene; or if it cannot be a file.
     pub(crate) fn file(&mut self, option: &str, file: &Path) -> Result<()> {
         self.add(option, file, false)
     }
 
-    /// Adds a file whose name the program chose, such as the record of a run.
+    /// Adds a file whose name the program chose, such as that of a report.
     ///
     /// # Errors
     ///
@@ -229,9 +228,6 @@ const TAGGED_BYTES: u64 = 256;
 /// the scene that holds it.
 fn check_own(shown: &str, file: &Path, scene: Option<&Path>, by_name: bool) -> Result<()> {
     let replaces_json = !by_name && is_json(file);
-    if replaces_json && json(file)["job"].is_string() {
-        bail!("{shown}: would overwrite the record of a run; expected another file");
-    }
     // Any JSON, because a scene or its cameras may consist of it.
     let is_protected = scene.is_some() || replaces_json;
     if is_protected && !is_own(file) {

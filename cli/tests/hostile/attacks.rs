@@ -392,7 +392,7 @@ fn memory(random: &mut Random) -> Outcome {
     judge(&format!("{kilobytes} kB for {}", command.join(" ")), &output, Path::new(folder), &["memory", "thread", "MB"])
 }
 
-/// A signal at any time: what is written is complete, and `--resume` completes the rest.
+/// A signal at any time: what is written is complete, and so is the next run.
 fn signal(random: &mut Random) -> Outcome {
     let folders = Folders::new();
     let (scene, out) = (folders.scene(), folders.out("path"));
@@ -420,7 +420,7 @@ fn signal(random: &mut Random) -> Outcome {
     }
     // A killed run cannot delete its own, nor can another run know whose it is.
     temporary.iter().for_each(|path| fs::remove_file(path).unwrap());
-    let output = run(&[&arguments[..6], &["-o", &out, "--layers", layers, "--resume"]].concat());
+    let output = run(&[&arguments[..6], &["-o", &out, "--layers", layers]].concat());
     let pictures =
         files(Path::new(&out)).iter().filter(|path| path.extension().is_some_and(|end| end == "png")).count();
     if output.status.code() == Some(0) && pictures != 3 {
@@ -440,7 +440,7 @@ fn model(random: &mut Random) -> Outcome {
     judge(&what, &run(&arguments), Path::new(&picture).parent().unwrap(), &["model.onnx", "--layers", "network"])
 }
 
-/// Two runs into one folder: each picture is complete, and both are in the record.
+/// Two runs into one folder: each picture is complete.
 fn two_runs(random: &mut Random) -> Outcome {
     let folders = Folders::new();
     let (scene, out) = (folders.scene(), folders.out("both"));

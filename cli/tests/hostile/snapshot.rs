@@ -6,6 +6,8 @@ use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use crate::scene_common::crc32;
+
 /// A file's type and mode, length, modification time, checksum of the first megabyte (some files
 /// are huge and sparse) and link target.
 #[derive(Debug, PartialEq)]
@@ -32,7 +34,7 @@ pub(crate) fn snapshot(folder: &Path) -> BTreeMap<PathBuf, Entry> {
         // A folder's metadata changes with its entries, which are compared separately.
         let (bytes, changed) =
             if metadata.is_dir() { (0, (0, 0)) } else { (metadata.len(), (metadata.mtime(), metadata.mtime_nsec())) };
-        let checksum = crc32fast::hash(&start);
+        let checksum = crc32(&start);
         let link = fs::read_link(&path).ok();
         found.insert(path, Entry { mode: metadata.mode(), bytes, changed, checksum, link });
     }

@@ -51,33 +51,6 @@ fn shares_of_a_path_have_the_pictures_of_the_whole_path() {
 }
 
 #[test]
-fn shares_of_a_path_are_resumed_by_one_record() {
-    let folders = Folders::new();
-    let frames = folders.out("frames");
-    let render = |more: &[&str]| {
-        let share = ["--path", "circle:6", "--network", "none", "-o", &frames, "--frames"];
-        let output = folders.liveview("render", &[&share, more].concat()).output().unwrap();
-        (output.status.code(), String::from_utf8(output.stderr).unwrap())
-    };
-    assert_eq!(render(&["0:3"]), (Some(0), String::new()));
-    assert_eq!(render(&["3:6"]), (Some(0), String::new()));
-    let expected = pictures(&frames);
-    fs::remove_file(folders.out("frames/frame_0001.png")).unwrap();
-    let kept = |count: usize| (Some(0), format!("note: {count} of 3 pictures are kept\n"));
-    assert_eq!(render(&["0:3", "--resume"]), kept(2));
-    assert_eq!(render(&["3:6", "--resume"]), kept(3));
-    assert!(pictures(&frames) == expected);
-    let record = fs::read_to_string(folders.out("frames/liveview.jsonl")).unwrap();
-    assert_eq!(record.lines().count(), 6 + 1);
-    // The whole path is the same job.
-    fs::remove_file(folders.out("frames/frame_0004.png")).unwrap();
-    let whole = ["--path", "circle:6", "--network", "none", "-o", &frames, "--resume"];
-    let output = folders.liveview("render", &whole).output().unwrap();
-    assert_eq!(String::from_utf8(output.stderr).unwrap(), "note: 5 of 6 pictures are kept\n");
-    assert!(pictures(&frames) == expected);
-}
-
-#[test]
 fn share_can_be_a_video() {
     let folders = Folders::new();
     let film = folders.out("a.mp4");

@@ -64,19 +64,6 @@ fn surface_layers_need_neither_model_nor_library_and_all_else_does() {
 }
 
 #[test]
-fn record_without_network_differs_from_one_with_network() {
-    let folders = Folders::new();
-    let out = folders.out("frames");
-    let path = ["--path", "line:2", "-o", &out, "--layers", "planes:2"];
-    run(bare(&folders, "render", &path).args(["--network", "none"]));
-    let kept = |command: &mut Command| String::from_utf8(command.arg("--resume").output().unwrap().stderr).unwrap();
-    let stderr = kept(&mut folders.render(&path));
-    assert!(stderr.contains("0 of 2 pictures are kept; 2 lines of ") && stderr.contains("of other jobs"), "{stderr}");
-    let stderr = kept(&mut folders.render(&path));
-    assert!(stderr.contains("2 of 2 pictures are kept; 2 lines of "), "{stderr}");
-}
-
-#[test]
 fn options_of_the_network_are_errors_without_one() {
     let folders = Folders::new();
     let refused = |command: &str, arguments: &[&str], words: &[&str]| {

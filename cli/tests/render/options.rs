@@ -89,14 +89,6 @@ fn jpeg_quality_is_that_of_files_and_folders() {
     assert!(sizes[0] < sizes[1] / 2 && fs::read(file).unwrap().len() == sizes[1], "{sizes:?}");
     let path = ["--path", "line:2", "--jpeg-quality", "80"];
     frames(&folders, &path, &["frame_0000.jpg", "frame_0001.jpg"]);
-    let again = run(&mut folders.liveview(
-        "render",
-        &[&path[..], &["--network", "none", "--resume", "--json", "-o", &folders.out("frames")]].concat(),
-    ));
-    assert_eq!(serde_json::from_str::<Value>(&again).unwrap()["kept"], 2);
-    let other = ["--path", "line:2", "--jpeg-quality", "70", "--network", "none", "--resume", "-o"];
-    let output = folders.liveview("render", &[&other[..], &[&folders.out("frames")]].concat()).output().unwrap();
-    assert!(String::from_utf8_lossy(&output.stderr).contains("0 of 2 pictures are kept; 2 lines of "));
     let folders = Folders::new();
     for (quality, name, words) in [("80", "a.png", "ends in .jpg, or a folder"), ("0", "a.jpg", "from 1 to 100")] {
         let picture = folders.out(name);

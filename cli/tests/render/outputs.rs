@@ -8,12 +8,12 @@ use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{COPIES, Folders, HEIGHT, WIDTH, fixture, photo, wait_until};
+use crate::common::{COPIES, Folders, HEIGHT, WIDTH, fixture, photo};
 
 /// A rig of six cameras, each a folder of frames.
 fn rig(frames: usize) -> Folders {
@@ -241,45 +241,6 @@ fn outputs_never_overwrite_each_other() {
     let copies = folders.ffmpeg(COPIES);
     let mut log = video(&folders, &["-o", &at("real/a.mp4"), "--log", &at("link/a.mp4")]);
     assert_refused(log.env("PATH", copies), &out, &["-o", "--log", "expected different files"]);
-}
-
-#[test]
-fn record_is_extended_in_place() {
-    let folders = Folders::new();
-    let (record, first) = (folders.out("frames/liveview.jsonl"), folders.out("first"));
-    let mut render = Command::new(env!("CARGO_BIN_EXE_liveview"));
-    render.arg("render").arg(folders.scene()).args(["--path", "line:100", "-o", &folders.out("frames")]);
-    render.args(["--model", &fixture("tiny_v4"), "--layers", "guided:1"]).stdout(Stdio::null());
-    let mut running = render.spawn().unwrap();
-    wait_until(&mut running, || fs::hard_link(&record, &first).is_ok());
-    assert!(running.wait().unwrap().success());
-    let text = fs::read(&record).unwrap();
-    assert!(text == fs::read(&first).unwrap(), "one file from the first picture to the last");
-    let lines = text.split(|&byte| byte == b'\n').filter(|line| !line.is_empty());
-    let lines: Vec<Value> = lines.map(|line| serde_json::from_slice(line).unwrap()).collect();
-    assert!(lines.len() == 100 && lines.iter().all(|line| line["job"] == lines[0]["job"]));
-}
-
-#[test]
-fn invalid_record_is_an_error() {
-    let folders = Folders::new();
-    let record = folders.out("frames/liveview.jsonl");
-    let resume = || folders.render(&["--path", "line:3", "-o", &folders.out("frames"), "--resume"]);
-    let refused = |words: &[&str]| {
-        let output = resume().timeout(Duration::from_secs(20)).output().unwrap();
-        let stderr = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{stderr}");
-        words.iter().for_each(|word| assert!(stderr.contains(word), "\"{word}\" is missing in: {stderr}"));
-    };
-    fs::create_dir(folders.out("frames")).unwrap();
-    assert!(Command::new("mkfifo").arg(&record).status().unwrap().success());
-    refused(&["liveview.jsonl", "not a regular file"]);
-    fs::remove_file(&record).unwrap();
-    symlink("/dev/zero", &record).unwrap();
-    refused(&["liveview.jsonl", "not a regular file"]);
-    fs::remove_file(&record).unwrap();
-    fs::File::create(&record).unwrap().set_len(1 << 36).unwrap();
-    refused(&["--resume", "liveview.jsonl", "cannot be read", "bytes"]);
 }
 
 #[test]

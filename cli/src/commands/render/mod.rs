@@ -2,7 +2,6 @@
 
 mod explain;
 mod outputs;
-mod record;
 mod summary;
 
 use std::collections::VecDeque;
@@ -65,7 +64,6 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
         output_plan.file("--explain", file)?;
     }
     output_plan.prepare()?;
-    outputs.begin(&shots, |quality| record::job_digest(&job, &all, &args.layers, quality))?;
     let wanted = shots.len();
     job.show_progress(wanted)?;
     // If there is only one picture, Ctrl-C ends the program at once.
@@ -75,8 +73,13 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     // An error after an interrupt, such as a network run that was ended, is reported as the
     // interrupt.
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
-    let (done, explanation) =
-        rendered.inspect_err(|_| outputs.record.iter().for_each(|record| record.print_how_to_resume(wanted)))?;
+    let (done, explanation) = rendered.inspect_err(|_| {
+        if let (Some(folder), written @ 1..) = (outputs.folder(), outputs.written) {
+            let rest = format!("; --frames {}: renders the rest", frames.start + written);
+            let rest = if moving { rest } else { String::new() };
+            print_message("note", format!("{written} of {wanted} pictures are in {}{rest}", folder.display()));
+        }
+    })?;
     check_coverage(&done, args)?;
     let shares: Vec<f64> = done.iter().filter_map(|one| one.agreeing_share).collect();
     if let Some(warning) = agreement::warning(shares.iter().sum::<f64>() / shares.len() as f64) {
@@ -123,8 +126,7 @@ fn no_coverage(args: &RenderArgs) -> Error {
     anyhow!("{}{from}: no view covers any of the targets; {EXPECTED_COVERAGE}", args.scene.folder().display())
 }
 
-/// Renders and writes `shots`, out of `all` shots of the job, except those that an earlier run has
-/// written.
+/// Renders and writes `shots`, out of `all` shots of the job.
 fn render(
     job: &mut Job,
     shots: Vec<Shot>,
@@ -142,10 +144,6 @@ fn render(
     let mut shots = VecDeque::from(shots);
     while let Some(shot) = shots.pop_front() {
         let later = &*shots.make_contiguous();
-        if let Some(kept) = outputs.kept(&shot) {
-            done.push(kept);
-            continue;
-        }
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted.into());
         }
@@ -177,7 +175,7 @@ fn render(
             return Err(no_coverage(args));
         }
         explanation = args.explain.as_ref().map(|file| explain::explain(file, job, &about)).transpose()?;
-        let digests = outputs.write(&shot, &frame, truth.as_ref())?;
+        outputs.write(&shot, &frame, truth.as_ref())?;
         if frame.logits_not_finite > 0 {
             let count = frame.logits_not_finite;
             let note = format!("{}: {count} logits of the network are NaN or infinite", shot.name);
@@ -185,7 +183,7 @@ fn render(
         }
         let one = Rendered {
             layers: plan.layers.len(),
-            times: Some(times),
+            times,
             score,
             psnr_covered,
             uncovered_share,
@@ -198,7 +196,6 @@ fn render(
             files: outputs.files(&shot),
             shot,
         };
-        outputs.record.as_mut().map_or(Ok(()), |record| record.add(&one, digests))?;
         done.push(one);
         kept = Some(plan).filter(|_| shared);
     }
@@ -230,8 +227,7 @@ pub(crate) struct RenderArgs {
     ///
     /// Columns: name, psnr (dB), ssim, psnr_covered (of the covered pixels, where some are not), uncovered_share,
     /// occluded_share and guessed_share (0 to 1), seconds. Empty
-    /// where it is unknown: the score of a picture that is too small, the time of one that --resume
-    /// kept.
+    /// where it is unknown: the score of a picture that is too small.
     #[arg(long, value_name = "CSV")]
     scores: Option<PathBuf>,
     #[command(flatten)]

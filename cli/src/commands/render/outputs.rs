@@ -8,15 +8,12 @@ use clap::Args;
 use liveview::geometry::Size;
 use liveview::image::{JPEG_QUALITY, encode, encode_gray16_png, encode_with_quality};
 use liveview::{Frame, ImageRgb};
-use liveview_files::atomic::is_special;
 use liveview_live::FrameRate;
 use liveview_live::ffmpeg::{Encoder, is_video};
 use liveview_synthesizer::Shot;
 use liveview_synthesizer::colormap::{coloured, difference, side_by_side};
 use serde_json::json;
 
-use super::record::{self, Record};
-use super::summary::Rendered;
 use crate::args::numbers::frame_rate;
 use crate::args::{OutputPath, Variant, has_extension, numbers, write_atomically};
 use crate::console::print_note;
@@ -48,11 +45,6 @@ pub(super) struct OutputArgs {
     /// Frames per second of a video, 1 to 1000, such as 29.97 or 30000/1001
     #[arg(long, value_name = "N", default_value = "30", value_parser = frame_rate)]
     fps: FrameRate,
-    /// Continue an interrupted run into the same folder
-    ///
-    /// Pictures that its liveview.jsonl lists as finished by the same job, and that are unchanged, are kept.
-    #[arg(long, requires = "output", conflicts_with = "explain")]
-    resume: bool,
 }
 
 /// The files of a comparison.
@@ -65,9 +57,8 @@ pub(super) struct Outputs {
     depth: Option<OutputPath>,
     compare: Option<OutputPath>,
     jpeg_quality: Option<u8>,
-    resume: bool,
-    /// The record of a folder of pictures.
-    pub(super) record: Option<Record>,
+    /// Number of shots written.
+    pub(super) written: usize,
 }
 
 impl Outputs {
@@ -82,9 +73,6 @@ impl Outputs {
         };
         let pictures =
             if video.is_some() { None } else { parse("-o", &args.output, &["png", "jpg", "jpeg", "mp4", "gif"])? };
-        if let (true, Some(path), None | Some(OutputPath::File(_))) = (args.resume, &args.output, &pictures) {
-            bail!("--resume, -o {}: expected a folder of pictures", path.display());
-        }
         if let (Some(quality), Some(path)) = (args.jpeg_quality, &args.output)
             && !matches!(&pictures, Some(OutputPath::Folder(_)))
             && !has_extension(path, &["jpg", "jpeg"])
@@ -98,8 +86,7 @@ impl Outputs {
             depth,
             compare,
             jpeg_quality: args.jpeg_quality,
-            resume: args.resume,
-            record: None,
+            written: 0,
         })
     }
 
@@ -128,14 +115,6 @@ impl Outputs {
                 }
             }
         }
-        if let Some(OutputPath::Folder(folder)) = &self.pictures {
-            let record = folder.join(record::NAME);
-            if is_special(&record) {
-                let record = record.display();
-                bail!("-o {record}: not a regular file; expected the record of an earlier run, or no file");
-            }
-            output_plan.named_file("-o", &record)?;
-        }
         if let Some(video) = &self.video {
             output_plan.file("-o", video.path())?;
             let sizes: HashSet<_> = pictures.iter().map(|(_, size)| *size).collect();
@@ -146,21 +125,9 @@ impl Outputs {
         Ok(())
     }
 
-    /// Opens the record of a folder of pictures; with `--resume`, prints how many are kept. `job`: the job's digest, with a
-    /// quality of JPEG.
-    pub(super) fn begin(&mut self, shots: &[Shot], job: impl FnOnce(Option<u8>) -> Result<String>) -> Result<()> {
-        let Some(OutputPath::Folder(folder)) = &self.pictures else { return Ok(()) };
-        let mut record = Record::new(folder, job(self.jpeg_quality)?);
-        if self.resume {
-            record.resume(&shots.iter().map(|shot| (shot.name.as_str(), self.files(shot))).collect::<Vec<_>>())?;
-        }
-        self.record = Some(record);
-        Ok(())
-    }
-
-    /// The picture of a shot, if it is kept from an earlier run.
-    pub(super) fn kept(&self, shot: &Shot) -> Option<Rendered> {
-        self.record.as_ref()?.kept(shot, self.files(shot))
+    /// The folder of pictures.
+    pub(super) fn folder(&self) -> Option<&Path> {
+        if let Some(OutputPath::Folder(folder)) = &self.pictures { Some(folder) } else { None }
     }
 
     /// The files of a picture.
@@ -179,34 +146,29 @@ impl Outputs {
         files
     }
 
-    /// Writes a rendered shot; returns the digests of its files.
-    pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<Vec<String>> {
+    /// Writes a rendered shot.
+    pub(super) fn write(&mut self, shot: &Shot, frame: &Frame, truth: Option<&ImageRgb>) -> Result<()> {
         let picture = frame.picture();
         if let Some(video) = &mut self.video {
             video.add(&picture)?;
         }
-        let mut digests = Vec::new();
-        let mut write = |file: &Path, contents: &[u8]| {
-            // Not of the file: another process may have written it since.
-            digests.push(record::digest(contents));
-            write_atomically(file, contents)
-        };
         if let Some(place) = &self.pictures {
             let [file] = place.files(shot, self.picture());
             let quality = self.jpeg_quality.unwrap_or(JPEG_QUALITY);
-            write(&file, &encode_with_quality(&file, &picture, quality)?)?;
+            write_atomically(&file, &encode_with_quality(&file, &picture, quality)?)?;
         }
         if let Some(place) = &self.depth {
             for (file, contents) in place.files(shot, DEPTH).iter().zip(disparity(shot, frame)?) {
-                write(file, &contents)?;
+                write_atomically(file, &contents)?;
             }
         }
         if let (Some(place), Some(truth)) = (&self.compare, truth) {
             let [file] = place.files(shot, COMPARISON);
             let difference = difference(truth, &picture, DIFFERENCE_FACTOR);
-            write(&file, &encode(&file, &side_by_side(&[truth, &picture, &difference]))?)?;
+            write_atomically(&file, &encode(&file, &side_by_side(&[truth, &picture, &difference]))?)?;
         }
-        Ok(digests)
+        self.written += 1;
+        Ok(())
     }
 
     /// Finishes the video, if there is one, and returns its file.

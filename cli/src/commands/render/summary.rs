@@ -46,7 +46,7 @@ pub(super) fn rendered(
     let mut json = json!({
         "scene": path_text(&job.synthesizer.scene().root), "format": job.synthesizer.scene().format.to_string(), "layers": job.synthesizer.layers().to_string(),
         "targets": done.iter().map(|one| target(job, one)).collect::<Vec<_>>(),
-        "kept": done.iter().filter(|one| one.times.is_none()).count(), "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
+        "mean": mean(done).map(|(psnr, ssim)| json!({ "psnr": psnr, "ssim": ssim })),
         "excluded_border": BORDER, "peak_memory_bytes": memory, "video": video.as_deref().map(path_text), "notes": job.synthesizer.scene().notes,
         "frames": share.map(|(frames, all)| json!({ "start": frames.start, "end": frames.end, "of": all })),
         "explanation": explanation.map(|explanation| explanation.json),
@@ -62,7 +62,7 @@ fn target(job: &Job, one: &Rendered) -> Value {
     json!({
         "name": one.shot.name, "width": one.shot.target.width(), "height": one.shot.target.height(),
         "views": job.synthesizer.views().names(&one.shot.views), "near": one.shot.near, "far": one.shot.far, "layers": one.layers,
-        "seconds": one.times.as_ref().map(|times| seconds(times).into_iter().collect::<serde_json::Map<_, _>>()),
+        "seconds": seconds(&one.times).into_iter().collect::<serde_json::Map<_, _>>(),
         "psnr": one.score.as_ref().map(|score| score.psnr), "ssim": one.score.as_ref().map(|score| score.ssim),
         "psnr_covered": one.psnr_covered, "uncovered_share": one.uncovered_share, "guessed_share": one.guessed_share, "occluded_share": one.occluded_share,
         "confirmed_share": one.confirmed_share, "agreeing_share": one.agreeing_share, "disparity_max": one.disparity_max,
@@ -108,7 +108,7 @@ fn table(job: &Job, done: &[Rendered], text: &mut String) {
     let _ = writeln!(text, "\n{:width$}  PSNR dB    SSIM       time  views", "view");
     for Rendered { shot, score, times, .. } in done {
         let (psnr, ssim) = score.as_ref().map_or((f64::NAN, f64::NAN), |score| (score.psnr, score.ssim));
-        let time = times.as_ref().map_or_else(|| "kept".to_owned(), |times| time_text(times.total()));
+        let time = time_text(times.total());
         let (name, views) = (escaped(&shot.name), job.synthesizer.views().names(&shot.views));
         let _ = writeln!(text, "{name:width$}  {psnr:7.2}  {ssim:6.4}  {time:>9}  {}", escaped(&abbreviated(&views)));
     }
@@ -145,8 +145,7 @@ fn finish(text: &mut String, done: &[Rendered]) {
         let advice = advice.as_ref().map(|advice| format!("; {advice}")).unwrap_or_default();
         line(text, "guessed", &format!("{:.1} % of {of}: no two photos confirm its depth{advice}", 100.0 * share));
     }
-    let new = done.iter().filter(|one| one.times.is_some());
-    let files: Vec<String> = new.flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
+    let files: Vec<String> = done.iter().flat_map(|one| &one.files).map(|file| file.display().to_string()).collect();
     if !files.is_empty() {
         line(text, "wrote", &abbreviated(&files.iter().map(String::as_str).collect::<Vec<_>>()));
     }
@@ -173,9 +172,9 @@ fn mean(done: &[Rendered]) -> Option<(f64, f64)> {
     (!scores.is_empty()).then(|| (mean(|score| score.psnr), mean(|score| score.ssim)))
 }
 
-/// Median time of each stage, or the sum if the median is 0. Nothing if no picture was rendered.
+/// Median time of each stage, or the sum if the median is 0.
 fn line_of_times(text: &mut String, done: &[Rendered], of: &str) {
-    let all: Vec<_> = done.iter().filter_map(|one| one.times.as_ref()).map(Times::stages).collect();
+    let all: Vec<_> = done.iter().map(|one| one.times.stages()).collect();
     let Some(first) = all.first() else { return };
     let stage = |stage: usize| {
         let mut times: Vec<Duration> = all.iter().map(|times| times[stage].1).collect();
@@ -210,7 +209,7 @@ pub(super) fn csv(done: &[Rendered]) -> String {
     for one in done {
         let number = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
         let (psnr, ssim) = (one.score.as_ref().map(|score| score.psnr), one.score.as_ref().map(|score| score.ssim));
-        let seconds = one.times.as_ref().map(|times| times.total().as_secs_f64());
+        let seconds = Some(one.times.total().as_secs_f64());
         let (name, uncovered, occluded) = (field(&one.shot.name), one.uncovered_share, one.occluded_share);
         let [psnr, ssim, covered, guessed, seconds] =
             [psnr, ssim, one.psnr_covered, one.guessed_share, seconds].map(number);
@@ -224,12 +223,11 @@ fn field(name: &str) -> String {
     if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() }
 }
 
-/// A picture that is rendered and written, or that an earlier run has written.
+/// A picture that is rendered and written.
 pub(super) struct Rendered {
     pub(super) shot: Shot,
     pub(super) layers: usize,
-    /// `None` for a picture of an earlier run.
-    pub(super) times: Option<Times>,
+    pub(super) times: Times,
     /// Of the picture as it is delivered.
     pub(super) score: Option<Score>,
     /// PSNR in dB of the covered pixels alone, where some are not.
