@@ -226,3 +226,10 @@ impl SceneArgs {
         Ok(SceneViews::new(Scene::open(&self.scene, &options)?, near, far))
     }
 }
+
+/// Parses the name of a camera and what ffmpeg opens.
+pub(crate) fn source(text: &str) -> Result<(String, PathBuf), String> {
+    let parts = text.split_once('=').filter(|(name, url)| !name.is_empty() && !url.is_empty());
+    let (name, url) = parts.ok_or("expected the name of a camera and what to open: cam00=rtsp://10.0.0.5/1")?;
+    Ok((name.to_owned(), url.into()))
+}

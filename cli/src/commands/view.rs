@@ -1,15 +1,17 @@
 //! `liveview view`: a scene, or the video of a rig, in the browser; the mouse, a finger or keys move the viewpoint.
 
 use std::net::IpAddr;
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
 use liveview_live::FrameRate;
-use liveview_live::rig::Rig;
+use liveview_live::ffmpeg::end_reading;
+use liveview_live::rig::{Rig, SourceClock, Sources};
 use liveview_viewer::{Shown, ViewSettings, Viewer};
 use serde_json::json;
 
-use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers};
+use crate::args::{LayerArgs, ModelArgs, ModelInfo, SceneArgs, held_out, numbers, source};
 use crate::console::{Output, print_message, print_note, print_notes};
 use crate::interrupt;
 use crate::job::{self, Job};
@@ -20,6 +22,7 @@ Examples:
   liveview view scene --bind 192.168.1.2 --port 9000
   liveview view scene --origin https://notebook.example
   liveview view rig --fps 25
+  liveview view rig --source cam00=rtsp://10.0.0.5/1 --source cam01=/dev/video0
 
 The page draws the scene itself, by WebGL 2; `liveview bake` writes it as a file that needs no server.
 The space bar starts and stops the video of a rig (see `liveview video --help`).";
@@ -47,6 +50,9 @@ pub(crate) struct ViewArgs {
     /// Time steps per second of a rig [default: its videos' frame rate, else 30]
     #[arg(long, value_name = "N", value_parser = numbers::frame_rate)]
     fps: Option<FrameRate>,
+    /// Camera of a rig that runs, and what ffmpeg opens (see `liveview video --help`); repeatable
+    #[arg(long, value_name = "NAME=URL", value_parser = source)]
+    source: Vec<(String, PathBuf)>,
     /// Photos to hold out, by name; at the pose of one the picture is compared with it
     #[arg(long, value_name = "NAME", value_delimiter = ',', conflicts_with = "heldout")]
     target: Vec<String>,
@@ -62,8 +68,16 @@ pub(crate) struct ViewArgs {
 }
 
 pub(crate) fn run(args: &ViewArgs) -> Result<Output> {
+    let output = view(args);
+    end_reading();
+    output
+}
+
+fn view(args: &ViewArgs) -> Result<Output> {
     let viewer = Viewer::listen(args.bind, args.port, args.origin.as_deref())?;
-    let (shown, held_out, model) = match Rig::find(args.scene.folder(), &args.scene.options(), args.scene.depth())? {
+    let sources = Sources { given: args.source.clone(), clock: SourceClock::Arrival };
+    let rig = Rig::find(args.scene.folder(), &args.scene.options(), args.scene.depth(), &sources)?;
+    let (shown, held_out, model) = match rig {
         Some(rig) => open_rig(args, rig)?,
         None => open_photos(args)?,
     };

@@ -115,3 +115,29 @@ pub(crate) fn report(command: &mut Command) -> (Value, String) {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     (serde_json::from_slice(&output.stdout).unwrap(), stderr(&output))
 }
+
+/// A substitute for ffmpeg, for sources `test://CAMERA`: ten frames a second of the camera's photo. `script` runs first, with the
+/// camera in `$camera`.
+pub(crate) fn running(rig: &Rig, script: &str) -> String {
+    for camera in 0..6 {
+        let picture = image::open(rig.frame(camera, 0)).unwrap().into_rgb8();
+        let pixmap = [format!("P6\n{WIDTH} {HEIGHT}\n255\n").as_bytes(), picture.as_raw()].concat();
+        fs::write(rig.path().join(format!("{camera}.ppm")), pixmap).unwrap();
+        fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap();
+    }
+    let root = rig.path();
+    let play = format!("while /bin/cat {}/$camera.ppm; do /bin/sleep 0.1; done", root.display());
+    ffmpeg(&rig.folders, &format!("case \"$2\" in test://*) camera=${{2#test://}}\n{script}\n{play}; exit;; esac"))
+}
+
+/// Names the cameras' sources in `transforms.json`.
+pub(crate) fn name_sources(rig: &Rig) {
+    let file = rig.path().join("transforms.json");
+    let text = (0..6).fold(fs::read_to_string(&file).unwrap(), |text, camera| {
+        text.replace(
+            &format!("\"file_path\": \"cam{camera}/"),
+            &format!("\"source\": \"test://{camera}\", \"file_path\": \"cam{camera}/"),
+        )
+    });
+    fs::write(file, text).unwrap();
+}

@@ -10,34 +10,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
 
-use crate::common::rig::{Rig, ffmpeg, report, stderr};
-use crate::common::{HEIGHT, WIDTH, wait_until};
-
-/// A substitute for ffmpeg, for sources `test://CAMERA`: ten frames a second of the camera's photo. `script` runs first, with the
-/// camera in `$camera`.
-fn running(rig: &Rig, script: &str) -> String {
-    for camera in 0..6 {
-        let picture = image::open(rig.frame(camera, 0)).unwrap().into_rgb8();
-        let pixmap = [format!("P6\n{WIDTH} {HEIGHT}\n255\n").as_bytes(), picture.as_raw()].concat();
-        fs::write(rig.path().join(format!("{camera}.ppm")), pixmap).unwrap();
-        fs::remove_dir_all(rig.path().join(format!("cam{camera}"))).unwrap();
-    }
-    let root = rig.path();
-    let play = format!("while /bin/cat {}/$camera.ppm; do /bin/sleep 0.1; done", root.display());
-    ffmpeg(&rig.folders, &format!("case \"$2\" in test://*) camera=${{2#test://}}\n{script}\n{play}; exit;; esac"))
-}
-
-/// Names the cameras' sources in `transforms.json`.
-fn name_sources(rig: &Rig) {
-    let file = rig.path().join("transforms.json");
-    let text = (0..6).fold(fs::read_to_string(&file).unwrap(), |text, camera| {
-        text.replace(
-            &format!("\"file_path\": \"cam{camera}/"),
-            &format!("\"source\": \"test://{camera}\", \"file_path\": \"cam{camera}/"),
-        )
-    });
-    fs::write(file, text).unwrap();
-}
+use crate::common::rig::{Rig, ffmpeg, name_sources, report, running, stderr};
+use crate::common::wait_until;
 
 /// What the report says of a source.
 fn source<'a>(report: &'a Value, camera: &str) -> &'a Value {

@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::{Value, json};
 
-use crate::common::rig::{Rig, ffmpeg};
+use crate::common::rig::{Rig, ffmpeg, name_sources, running};
 use crate::common::viewer::{Viewer, moved};
 use crate::common::{Folders, fixture};
 
@@ -60,6 +60,35 @@ fn video_files_are_read_forward_and_back() {
     });
     assert_eq!(viewer.description()["served"]["video"], json!({ "steps": STEPS, "rate": 30.0 }));
     assert!(photos(&viewer) == expected);
+}
+
+#[test]
+fn cameras_that_run_are_shown_as_they_are() {
+    let rig = Rig::new(1);
+    let path = running(&rig, "");
+    name_sources(&rig);
+    let viewer = Viewer::start_with(&rig.folders, &["--layers", "surface:1", "--threads", "2"], |command| {
+        command.env("PATH", &path);
+    });
+    let info = viewer.description();
+    assert_eq!(info["served"]["video"], json!({ "steps": null, "rate": 30.0 }));
+    let ask = |kind: &str, step: usize| viewer.ask(&format!("GET /{kind}/1?step={step}"), &[], "");
+    let (photo, depth) = (ask("photo", 1000), ask("depth", 1000));
+    assert_eq!((photo.0, depth.0), (200, 200));
+    // The camera shows something else.
+    let file = |name: &str| rig.path().join(name);
+    fs::copy(file("4.ppm"), file("other.ppm")).unwrap();
+    fs::rename(file("other.ppm"), file("1.ppm")).unwrap();
+    let later = (1001..1100).find(|&step| {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        ask("photo", step) != photo
+    });
+    let later = later.expect("newer frames");
+    assert_ne!(ask("depth", later), depth);
+    assert_eq!(ask("photo", 1000), photo, "steps stay as they were");
+    assert_eq!(ask("photo", 900).0, 500, "there was no such step");
+    let (status, png) = viewer.picture(&json!({ "camera": moved(&info, 2, 0.01), "step": later }));
+    assert!(status == 200 && png.starts_with(b"\x89PNG"));
 }
 
 #[test]

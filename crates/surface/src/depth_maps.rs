@@ -60,6 +60,11 @@ impl DepthMaps {
         Self { cameras, range: (near, far), maps, ..Self::default() }
     }
 
+    /// The cameras.
+    pub fn cameras(&self) -> &[Camera] {
+        &self.cameras
+    }
+
     /// Nearest and farthest depth searched, scene units.
     pub fn range(&self) -> (f64, f64) {
         self.range

@@ -50,13 +50,13 @@ pub fn bake(
     for (index, &view) in free.iter().enumerate() {
         let depth = photos.view_depth(view, held_out, &free[index + 1..], true)?;
         range = depth.range;
-        depths[view] = Some(DepthCode::new(&depth, QUALITIES[0].1));
+        depths[view] = Some(DepthCode::new((&depth.found, &depth.confirmed), QUALITIES[0].1));
         found(index + 1)?;
     }
     let scene = photos.views().scene();
     let coded = |view: usize, (quality, steps): (u8, u16)| -> Result<(Value, Value)> {
         let jpeg = encode_with_quality(Path::new("photo.jpg"), &scene.load_image(view)?, quality)?;
-        let depth = depths[view].as_ref().map(|depth| STANDARD.encode(depth.coarser(steps).compressed()));
+        let depth = depths[view].as_ref().map(|depth| STANDARD.encode(depth.coarser(steps).compressed(9)));
         Ok((STANDARD.encode(jpeg).into(), depth.into()))
     };
     let mut kept: Vec<usize> = (0..count).collect();

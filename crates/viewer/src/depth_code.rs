@@ -12,7 +12,7 @@ use std::io::Write;
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use liveview_synthesizer::ViewDepth;
+use liveview_surface::{ConfirmedDisparity, PhotoDisparity};
 
 /// Largest value of the lower bits.
 const LARGEST: f32 = 32767.0;
@@ -29,9 +29,9 @@ pub(crate) struct DepthCode {
 
 impl DepthCode {
     /// With so many steps to a pixel of parallax, or fewer where the depth range needs more than 15 bits.
-    pub(crate) fn new(depth: &ViewDepth, steps_per_pixel: u16) -> Self {
-        let (found, pixel) = (&depth.found.disparity, depth.found.disparity_per_pixel);
-        let known = || depth.confirmed.disparity.iter().chain(found).copied().filter(|disparity| disparity.is_finite());
+    pub(crate) fn new((found, confirmed): (&PhotoDisparity, &ConfirmedDisparity), steps_per_pixel: u16) -> Self {
+        let (found, pixel) = (&found.disparity, found.disparity_per_pixel);
+        let known = || confirmed.disparity.iter().chain(found).copied().filter(|disparity| disparity.is_finite());
         let step = (pixel / f32::from(steps_per_pixel)).max(known().fold(0.0, f32::max) / (LARGEST - 1.0));
         let per_pixel = (pixel / step).round().max(1.0);
         let code = |(&found, &confirmed): (&f32, &f32)| match (confirmed >= 0.0, found >= 0.0) {
@@ -39,7 +39,7 @@ impl DepthCode {
             (false, true) => (1.0 + (found / step / per_pixel).round() * per_pixel).min(LARGEST) as u16,
             (false, false) => 0,
         };
-        let codes = found.iter().zip(&depth.confirmed.disparity).map(code).collect();
+        let codes = found.iter().zip(&confirmed.disparity).map(code).collect();
         Self { codes, width: found.ncols(), step, pixel }
     }
 
@@ -53,8 +53,8 @@ impl DepthCode {
         Self { codes: self.codes.iter().map(code).collect(), step: self.step * times, ..*self }
     }
 
-    /// The compressed bytes.
-    pub(crate) fn compressed(&self) -> Vec<u8> {
+    /// The compressed bytes, by a level from 1 (fast) to 9 (small).
+    pub(crate) fn compressed(&self, level: u32) -> Vec<u8> {
         let (count, width) = (self.codes.len(), self.width);
         let value = |at: usize| i32::from(self.codes[at] & !CONFIRMED);
         let mut bytes = [self.step, self.pixel].map(f32::to_le_bytes).concat();
@@ -73,7 +73,7 @@ impl DepthCode {
         let differences: Vec<u16> = (0..count).map(difference).collect();
         bytes.extend(differences.iter().map(|value| (value >> 8) as u8));
         bytes.extend(differences.iter().map(|value| (value & 0xFF) as u8));
-        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(level));
         encoder.write_all(&bytes).and_then(|()| encoder.finish()).expect("writing to memory")
     }
 }
@@ -121,7 +121,7 @@ mod tests {
         for (width, height) in [(1, 1), (7, 5), (16, 3)] {
             let codes: Vec<u16> = (0..width * height).map(|_| random()).collect();
             let code = DepthCode { codes: codes.clone(), width, step: 0.25, pixel: 4.0 };
-            assert_eq!(decoded(&code.compressed(), (width, height)), (0.25, 4.0, codes));
+            assert_eq!(decoded(&code.compressed(9), (width, height)), (0.25, 4.0, codes));
         }
         let code = DepthCode { codes: vec![0, 1, CONFIRMED | 1, CONFIRMED | 18, 9], width: 5, step: 0.25, pixel: 4.0 };
         let coarser = code.coarser(4);

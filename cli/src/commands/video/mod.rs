@@ -23,7 +23,7 @@ use liveview_synthesizer::{SceneViews, check_video};
 use serde_json::Value;
 
 use crate::args::numbers::{frame_range, frame_rate};
-use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of, write_atomically};
+use crate::args::{ADVANCED, LayerChoice, MORE_HELP, ModelArgs, SceneArgs, cameras_of, source, write_atomically};
 use crate::console::{Output, print_message, print_notes, progress};
 use crate::interrupt::{self, Shortened};
 use crate::job;
@@ -144,12 +144,6 @@ fn duration(text: &str) -> Result<Duration, String> {
     };
     let seconds = number.parse::<f64>().ok().map(|number| number * unit).filter(|s| (1e-3..=60.0).contains(s));
     seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a time such as 100ms or 0.2s, at most 60s".to_owned())
-}
-
-fn source(text: &str) -> Result<(String, PathBuf), String> {
-    let parts = text.split_once('=').filter(|(name, url)| !name.is_empty() && !url.is_empty());
-    let (name, url) = parts.ok_or("expected the name of a camera and what to open: cam00=rtsp://10.0.0.5/1")?;
-    Ok((name.to_owned(), url.into()))
 }
 
 /// Runs `liveview video`.

@@ -82,13 +82,14 @@ impl Feed {
         }
     }
 
-    /// The number of time steps; ffmpeg counts those of a video, without decoding.
+    /// The number of time steps, without end for a source; ffmpeg counts those of a video, without decoding.
     ///
     /// # Errors
     /// ffmpeg cannot read the video.
     pub(super) fn count_steps(&self) -> Result<usize> {
         match &self.frames {
-            Frames::Photos(_) | Frames::Source(_) => Ok(self.steps().unwrap_or(0)),
+            Frames::Photos(_) => Ok(self.steps().unwrap_or(0)),
+            Frames::Source(_) => Ok(usize::MAX),
             Frames::Video(path, None) => count_frames(path),
             Frames::Video(path, Some(steps)) => {
                 let seconds = count_frames(path)? as f64 / Decoder::rate(path)?.per_second();

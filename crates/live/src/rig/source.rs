@@ -170,6 +170,16 @@ impl Source {
         Ok(frame.photo.clone())
     }
 
+    /// The newest frame, if it is not older than that.
+    pub(super) fn newest(&self, age: Duration) -> Delivered {
+        let mut state = self.lock();
+        let newest = state.frames.back_mut().filter(|frame| frame.arrived.elapsed() <= age);
+        newest.map_or(Delivered::Missing, |frame| {
+            frame.is_used = true;
+            Delivered::Photo(frame.photo.clone(), frame.arrived)
+        })
+    }
+
     /// The newest frame for the time step that is due then; waits for one as long as it may be late.
     pub fn frame_at(&self, due: Instant, period: Duration, late: Duration) -> Delivered {
         let age = period.mul_f64(MAX_AGE);

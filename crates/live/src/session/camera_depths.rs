@@ -6,13 +6,14 @@
 //! moves.
 
 use std::collections::BTreeSet;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use liveview::geometry::{Camera, facing_alike};
 use liveview::image::ImageRgb;
 use liveview::warp::{SourceView, Texture};
 use liveview_surface::{
-    DepthMaps, EXTRA_PHOTOS, FollowedDepth, NEIGHBOURS, PhotoDisparity, Reuse, StepPhoto, photo_depth,
+    ConfirmedDisparity, DepthMaps, EXTRA_PHOTOS, FollowedDepth, NEIGHBOURS, PhotoDisparity, Reuse, StepPhoto,
+    photo_depth,
 };
 use liveview_synthesizer::PhotosWithDepth;
 use rayon::prelude::*;
@@ -26,16 +27,29 @@ const COARSE_NEIGHBOURS: usize = 3;
 
 /// Depth maps of the cameras of a rig.
 #[derive(Debug)]
-pub(super) struct CameraDepths {
+pub struct CameraDepths {
     maps: DepthMaps,
     followed: Vec<FollowedDepth>,
     steps: usize,
 }
 
 impl CameraDepths {
-    pub(super) fn new(cameras: &[Camera], near: f64, far: f64) -> Self {
-        let maps = DepthMaps::new(cameras.to_vec(), near, far);
-        Self { maps, followed: cameras.iter().map(|_| FollowedDepth::default()).collect(), steps: 0 }
+    /// Of these cameras, to be searched from `near` to `far` (scene units).
+    pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
+        let followed = cameras.iter().map(|_| FollowedDepth::default()).collect();
+        Self { maps: DepthMaps::new(cameras, near, far), followed, steps: 0 }
+    }
+
+    /// Lets the depth of all photos of a time step follow them; one photo per camera, `None` where there is none.
+    pub fn update(&mut self, photos: &[Option<&ImageRgb>]) {
+        let cameras = self.maps.cameras().to_vec();
+        let delivered: Vec<usize> = (0..photos.len()).filter(|&camera| photos[camera].is_some()).collect();
+        self.follow(&Step::new(&cameras, photos), &delivered, |_| false, false);
+    }
+
+    /// The depth of a camera's photo, and where those of its neighbours confirm it; `None` if there is none.
+    pub fn confirmed(&mut self, camera: usize) -> Option<(Arc<PhotoDisparity>, ConfirmedDisparity)> {
+        self.maps.confirmed_by_neighbours(camera)
     }
 
     /// The photos of a time step near the target, with their depth: searched where there is none yet, and
@@ -59,33 +73,13 @@ impl CameraDepths {
         let wanted: Vec<usize> = (0..self.followed.len())
             .filter(|camera| set.contains(camera) && (reuse == Reuse::Refreshed || self.maps.get(*camera).is_none()))
             .collect();
-        let range = self.maps.range();
         let searched = if follows {
-            let number = if coarse { COARSE_NEIGHBOURS } else { NEIGHBOURS };
-            let others = wanted.iter().flat_map(|&camera| neighbours(step, camera).take(number));
-            let needed: BTreeSet<usize> = wanted.iter().copied().chain(others).collect();
-            // Before the searches, which run in parallel and would wait for each other's photos.
-            needed.into_par_iter().for_each(|camera| {
-                step.smaller(camera);
-            });
             self.steps += 1;
             let first = NEAREST + self.steps % 2;
             let waits = |camera| set.iter().skip(first).step_by(2).any(|&other| other == camera);
-            let cameras = self.followed.par_iter_mut().enumerate().filter(|(camera, _)| wanted.contains(camera));
-            let update = |(camera, followed): (usize, &mut FollowedDepth)| {
-                let neighbours: Vec<_> = neighbours(step, camera).take(number).map(|other| step.photo(other)).collect();
-                if neighbours.is_empty() {
-                    return (1.0, camera, Some(PhotoDisparity::unknown(step.cameras[camera].size())));
-                }
-                let searched = followed.update(&step.photo(camera), &neighbours, range, waits(camera), coarse);
-                (searched, camera, (searched > 0.0).then(|| followed.depth()))
-            };
-            let updated: Vec<_> = cameras.map(update).collect();
-            let searched: f64 = updated.iter().map(|(searched, ..)| searched).sum();
-            let depths = updated.into_iter().filter_map(|(_, camera, depth)| Some((camera, depth?)));
-            self.maps.update(depths, searched > NEW_SHARE * set.len() as f64);
-            searched
+            self.follow(step, &wanted, waits, coarse)
         } else {
+            let range = self.maps.range();
             for &camera in &wanted {
                 let neighbours: Vec<_> = neighbours(step, camera).map(|other| step.source(other)).collect();
                 let depth = match &neighbours[..] {
@@ -102,6 +96,31 @@ impl CameraDepths {
             rendered_from,
             searched: searched / set.len() as f64,
         }
+    }
+
+    /// Updates the depth of these cameras' photos; returns the sum of the shares that were searched.
+    fn follow(&mut self, step: &Step<'_>, wanted: &[usize], waits: impl Fn(usize) -> bool + Sync, coarse: bool) -> f64 {
+        let (number, range) = (if coarse { COARSE_NEIGHBOURS } else { NEIGHBOURS }, self.maps.range());
+        let others = wanted.iter().flat_map(|&camera| neighbours(step, camera).take(number));
+        let needed: BTreeSet<usize> = wanted.iter().copied().chain(others).collect();
+        // Before the searches, which run in parallel and would wait for each other's photos.
+        needed.into_par_iter().for_each(|camera| {
+            step.smaller(camera);
+        });
+        let cameras = self.followed.par_iter_mut().enumerate().filter(|(camera, _)| wanted.contains(camera));
+        let update = |(camera, followed): (usize, &mut FollowedDepth)| {
+            let neighbours: Vec<_> = neighbours(step, camera).take(number).map(|other| step.photo(other)).collect();
+            if neighbours.is_empty() {
+                return (1.0, camera, Some(PhotoDisparity::unknown(step.cameras[camera].size())));
+            }
+            let searched = followed.update(&step.photo(camera), &neighbours, range, waits(camera), coarse);
+            (searched, camera, (searched > 0.0).then(|| followed.depth()))
+        };
+        let updated: Vec<_> = cameras.map(update).collect();
+        let searched: f64 = updated.iter().map(|(searched, ..)| searched).sum();
+        let depths = updated.into_iter().filter_map(|(_, camera, depth)| Some((camera, depth?)));
+        self.maps.update(depths, searched > NEW_SHARE * wanted.len() as f64);
+        searched
     }
 }
 

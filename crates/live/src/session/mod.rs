@@ -21,7 +21,8 @@ pub use liveview_synthesizer::LayerSource;
 use liveview_synthesizer::{Carried, FrameInput, LayerSpec, ViewAgreement, find_layers};
 use rayon::prelude::*;
 
-use camera_depths::{CameraDepths, Step};
+pub use camera_depths::CameraDepths;
+use camera_depths::Step;
 
 /// When a session searches for the layers of its frames, where these depend on the scene
 /// ([`LayerSpec`]).
@@ -201,7 +202,7 @@ impl LiveSession {
         if renderers.is_empty() {
             return Err(LiveError::NoNetwork);
         }
-        let depths = CameraDepths::new(&cameras, settings.near, settings.far);
+        let depths = CameraDepths::new(cameras.clone(), settings.near, settings.far);
         Ok(Self { cameras, renderers, settings, depths, carried: Carried::default(), age: 0 })
     }
 

@@ -21,7 +21,10 @@ let [flight, run, recording] = [undefined, undefined, undefined];
 let [pressed, movedAt, pivot] = [false, -Infinity, undefined];
 let searching = true; // until the depth of the nearest photos is there: the same machine may search for it
 let [drawn, frames, fence, needed, resting] = [0, [], undefined, true, false];
-let [step, shownStep, playing, playedFrom] = [0, 0, false, 0];
+// Of cameras that run a time step is a moment, by the clock.
+const isLive = video?.steps === null;
+const moment = () => Math.floor((Date.now() / 1000) * video.rate);
+let [step, shownStep, playing, playedFrom] = isLive ? [moment(), -1, true, 0] : [0, 0, false, 0];
 let drawer;
 const timeLine = new TimeLine(showKeys);
 const photos = new Photos(views, arrived, (text) => message(`Left out: ${text}`));
@@ -239,8 +242,8 @@ function wantPhotos() {
   if (now - wantedAt < 100) return;
   wantedAt = now;
   const near = nearestFree(poseOf(camera));
-  const held = views.filter((view) => view.held_out).map(({ index }) => photos.get(index, step));
-  const steps = video ? Array.from({ length: Math.min(video.steps, 24) }, (_, i) => (step + i) % video.steps) : [0];
+  const held = isLive ? [] : views.filter((view) => view.held_out).map(({ index }) => photos.get(index, step));
+  const steps = isLive || !video ? [step] : Array.from({ length: Math.min(video.steps, 24) }, (_, i) => (step + i) % video.steps);
   const wanted = steps.flatMap((time) => near.slice(0, video ? 4 : near.length).map((view) => photos.get(view, time)));
   photos.want([...wanted, ...held], (photo) => drawer.free(photo));
 }
@@ -253,10 +256,11 @@ function playStep(now) {
     return near.map((view) => photos.get(view, time)).every((photo) => photo.state === "depth" || photo.state === "failed" || (photo.bitmap && !playing && time === step));
   };
   if (playing && shownStep === step) {
-    const due = Math.floor(((now - playedFrom) / 1000) * video.rate);
+    const due = isLive ? moment() - step : Math.floor(((now - playedFrom) / 1000) * video.rate);
     if (due > 0) {
-      [step, playedFrom] = [(step + due) % video.steps, playedFrom + (1000 * due) / video.rate];
-      for (let back = 0; back < due - 1 && !isReady(step); back += 1) step = (step + video.steps - 1) % video.steps;
+      if (isLive) step += due;
+      else [step, playedFrom] = [(step + due) % video.steps, playedFrom + (1000 * due) / video.rate];
+      for (let back = 0; !isLive && back < due - 1 && !isReady(step); back += 1) step = (step + video.steps - 1) % video.steps;
       showStep();
       wantedAt = -Infinity;
       wantPhotos();
@@ -270,7 +274,7 @@ function playStep(now) {
 
 function showStep() {
   element("step").value = step;
-  element("step_number").textContent = `${step + 1} / ${video.steps}${shownStep === step ? "" : " …"}`;
+  element("step_number").textContent = isLive ? "live" : `${step + 1} / ${video.steps}${shownStep === step ? "" : " …"}`;
   element("play").textContent = playing ? "Pause" : "Play";
   element("play").setAttribute("aria-pressed", String(playing));
 }
@@ -464,7 +468,7 @@ element("photo_list").replaceChildren(...views.map((view) => {
 element("photo_list").value = scene.start;
 if (video) {
   element("time").hidden = false;
-  element("step").max = video.steps - 1;
+  [element("step").max, element("step").hidden] = [video.steps - 1, isLive];
   showStep();
 }
 try {

@@ -2,12 +2,13 @@
 
 use std::mem;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Result, anyhow};
 use liveview::image::encode;
 use liveview::render::Renderer;
 use liveview_live::rig::Frames;
+use liveview_live::session::CameraDepths;
 use liveview_synthesizer::{Scene, ScenePhotos, SceneViews, Synthesizer, Targets, ViewAgreement, agreement};
 
 use super::jobs::Viewpoint;
@@ -30,8 +31,13 @@ pub(crate) struct Rig {
     pub(crate) frames: Arc<Mutex<Frames>>,
     pub(crate) views: SceneViews,
     pub(crate) range: (f64, f64),
+    /// The views that are not held out.
+    pub(crate) free: Vec<usize>,
     /// The open time step.
     pub(crate) step: Option<usize>,
+    /// The depth of the cameras' photos, and the time step that it has followed them to.
+    pub(crate) depths: CameraDepths,
+    pub(crate) followed: Option<usize>,
 }
 
 impl Source {
@@ -49,15 +55,21 @@ impl Source {
 
     /// The depth of a view's photo, as the page reads it. `later`: views whose depth is needed next.
     pub(crate) fn depth(&mut self, (view, step): (usize, usize), later: &[usize]) -> Result<Vec<u8>> {
-        let held_out = self.open(step)?;
-        let view = match &self.rig {
-            Some(rig) => self.synthesizer.scene().view_index(&rig.views.scene().views[view].name)?,
-            None => view,
+        let (found, confirmed) = match &mut self.rig {
+            None => {
+                let depth = self.synthesizer.photos_mut().view_depth(view, &self.held_out, later, true)?;
+                self.take_notes();
+                (depth.found, depth.confirmed)
+            }
+            Some(rig) => {
+                if rig.followed.replace(step) != Some(step) {
+                    let photos = lock(&rig.frames).by_camera(step, &rig.free);
+                    rig.depths.update(&photos.iter().map(Option::as_deref).collect::<Vec<_>>());
+                }
+                rig.depths.confirmed(view).ok_or_else(|| anyhow!("no photo of camera {view}"))?
+            }
         };
-        let later = if self.rig.is_some() { &[] } else { later };
-        let depth = self.synthesizer.photos_mut().view_depth(view, &held_out, later, true)?;
-        self.take_notes();
-        Ok(DepthCode::new(&depth, DEPTH_STEPS).compressed())
+        Ok(DepthCode::new((&found, &confirmed), DEPTH_STEPS).compressed(1))
     }
 
     fn take_notes(&mut self) {
@@ -69,21 +81,17 @@ impl Source {
     fn open(&mut self, step: usize) -> Result<Vec<usize>> {
         let Some(rig) = &mut self.rig else { return Ok(self.held_out.clone()) };
         if rig.step != Some(step) {
-            let scene = rig.views.scene();
-            let free: Vec<usize> = (0..scene.views.len()).filter(|view| !self.held_out.contains(view)).collect();
-            let photos = rig.frames.lock().unwrap_or_else(PoisonError::into_inner).at(step, &free);
-            let delivered = free.iter().zip(photos).filter_map(|(&view, photo)| Some((view, photo.ok()?)));
+            let (scene, photos) = (rig.views.scene(), lock(&rig.frames).by_camera(step, &rig.free));
+            let delivered = photos.into_iter().enumerate().filter_map(|(view, photo)| Some((view, photo?)));
             let named = |(view, photo): (usize, Arc<_>)| {
                 (scene.views[view].name.clone(), Arc::unwrap_or_clone(photo), scene.views[view].camera.clone())
             };
             let opened = Scene::in_memory(delivered.map(named), &Default::default())?;
-            let (near, far) = rig.range;
-            let photos = ScenePhotos::new(SceneViews::new(opened, Some(near), Some(far)));
+            let photos = ScenePhotos::new(SceneViews::new(opened, Some(rig.range.0), Some(rig.range.1)));
             rig.step = Some(step);
-            let layers = self.synthesizer.layers().clone();
             // Its renderer moves on to the next.
             let placeholder = Renderer::new(Box::new(ViewAgreement { views: 1 }), ViewAgreement::ALPHA, 1);
-            let mut next = Synthesizer::new(photos, placeholder, layers);
+            let mut next = Synthesizer::new(photos, placeholder, self.synthesizer.layers().clone());
             mem::swap(next.renderer_mut(), self.synthesizer.renderer_mut());
             next.photo_correction = self.synthesizer.photo_correction;
             self.synthesizer = next;
@@ -92,13 +100,17 @@ impl Source {
     }
 }
 
+fn lock(frames: &Mutex<Frames>) -> MutexGuard<'_, Frames> {
+    frames.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The photo of a view, at a time step of a rig, as JPEG.
 pub(crate) fn photo(scene: &Scene, frames: Option<&Mutex<Frames>>, (view, step): (usize, usize)) -> Result<Vec<u8>> {
     let photo = match frames {
         None => Arc::new(scene.load_image(view)?),
         Some(frames) => {
-            let read = frames.lock().unwrap_or_else(PoisonError::into_inner).at(step, &[view]).pop();
-            read.ok_or_else(|| anyhow!("no camera {view}"))?.map_err(|reason| anyhow!("{reason}"))?
+            let read = lock(frames).at(step, &[view]).pop().ok_or_else(|| anyhow!("no camera {view}"))?;
+            read.map_err(|reason| anyhow!("{reason}"))?
         }
     };
     Ok(liveview::image::encode_with_quality(Path::new("photo.jpg"), &photo, crate::bake::QUALITIES[0].0)?)

@@ -10,6 +10,7 @@ use anyhow::Result;
 use liveview::Camera;
 use liveview::geometry::choose_views;
 use liveview_live::rig::{Frames, RigSettings};
+use liveview_live::session::CameraDepths;
 use liveview_synthesizer::{PhotoCorrection, Synthesizer, Targets};
 use serde_json::{Value, json};
 use tokio::sync::{Semaphore, watch};
@@ -152,9 +153,11 @@ fn open(shown: Shown, settings: &ViewSettings) -> Result<(Source, usize, Value)>
             let cameras: Vec<&Camera> = rig.views.cameras(&free).collect();
             choose_views(&cameras, camera, synthesizer.renderer().network().views(), &[])?;
             steps = rig.steps(&free)?;
-            video = json!({ "steps": steps, "rate": rate });
+            video = json!({ "steps": (steps < usize::MAX).then_some(steps), "rate": rate });
             let frames = Arc::new(Mutex::new(Frames::new(scene.clone(), &rig.feeds)));
-            Some(Rig { frames, views: rig.views, range, step: None })
+            let depths =
+                CameraDepths::new(scene.views.iter().map(|view| view.camera.clone()).collect(), range.0, range.1);
+            Some(Rig { frames, views: rig.views, range, free, step: None, depths, followed: None })
         }
         None => {
             let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
