@@ -120,7 +120,15 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
     for option in args.layers.unused_for_video() {
         print_note(&format!("{option}: not used for the video of a rig"));
     }
-    let held_out = held_out(scene, args.heldout, &args.target)?;
+    let mut held_out = held_out(scene, args.heldout, &args.target)?;
+    if rig.feeds.iter().any(|feed| feed.source().is_some()) {
+        for camera in (0..rig.feeds.len()).filter(|&camera| rig.feeds[camera].source().is_none()) {
+            if !held_out.contains(&camera) {
+                print_note(&format!("camera {} has no source: left out", rig.feeds[camera].name));
+                held_out.push(camera);
+            }
+        }
+    }
     let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
     let (rig, model) = job::open_rig(rig, &args.model, &args.layers.choice, args.layers.keep_exposure)?;
     Ok((Shown::Video { rig: Box::new(rig), rate }, held_out, model))

@@ -73,20 +73,25 @@ fn cameras_that_run_are_shown_as_they_are() {
     let info = viewer.description();
     assert_eq!(info["served"]["video"], json!({ "steps": null, "rate": 30.0 }));
     let ask = |kind: &str, step: usize| viewer.ask(&format!("GET /{kind}/1?step={step}"), &[], "");
-    let (photo, depth) = (ask("photo", 1000), ask("depth", 1000));
+    let moment = || {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        let (status, step) = viewer.ask("GET /moment", &[], "");
+        assert_eq!(status, 200);
+        String::from_utf8(step).unwrap().parse::<usize>().unwrap()
+    };
+    let first = moment();
+    let (photo, depth) = (ask("photo", first), ask("depth", first));
     assert_eq!((photo.0, depth.0), (200, 200));
     // The camera shows something else.
     let file = |name: &str| rig.path().join(name);
     fs::copy(file("4.ppm"), file("other.ppm")).unwrap();
     fs::rename(file("other.ppm"), file("1.ppm")).unwrap();
-    let later = (1001..1100).find(|&step| {
-        std::thread::sleep(std::time::Duration::from_millis(100));
-        ask("photo", step) != photo
-    });
-    let later = later.expect("newer frames");
+    let later = (0..100).map(|_| moment()).find(|&step| ask("photo", step) != photo).expect("newer frames");
+    assert!(later > first);
     assert_ne!(ask("depth", later), depth);
-    assert_eq!(ask("photo", 1000), photo, "steps stay as they were");
-    assert_eq!(ask("photo", 900).0, 500, "there was no such step");
+    assert_eq!(ask("photo", first), photo, "a moment stays as it was");
+    assert_eq!([ask("photo", later + 1000).0, ask("depth", later + 1000).0], [500; 2], "there was no such moment");
+    assert_ne!(ask("depth", moment()), depth);
     let (status, png) = viewer.picture(&json!({ "camera": moved(&info, 2, 0.01), "step": later }));
     assert!(status == 200 && png.starts_with(b"\x89PNG"));
 }

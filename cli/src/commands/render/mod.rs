@@ -75,7 +75,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<Output> {
     let rendered = rendered.map_err(|error| if interrupt::requested() { Interrupted.into() } else { error });
     let (done, explanation) = rendered.inspect_err(|_| {
         if let (Some(folder), written @ 1..) = (outputs.folder(), outputs.written) {
-            let rest = format!("; --frames {}: renders the rest", frames.start + written);
+            let rest = format!("; --frames {}:{} renders the rest", frames.start + written, frames.end);
             let rest = if moving { rest } else { String::new() };
             print_message("note", format!("{written} of {wanted} pictures are in {}{rest}", folder.display()));
         }

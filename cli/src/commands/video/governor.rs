@@ -109,10 +109,11 @@ impl Governor {
             }
             let lower = &self.levels[self.current + 1..];
             let steps = lower.iter().position(|level| expected(level) <= 1.0).map_or(lower.len(), |fits| fits + 1);
+            self.behind = 0.0;
             if steps == 0 {
                 return None;
             }
-            (self.current, self.behind) = (self.current + steps, 0.0);
+            self.current += steps;
             self.raise_after = (2 * self.raise_after).min(MAX_FITTING_FRAMES);
             return Some(self.level());
         }
@@ -121,7 +122,7 @@ impl Governor {
         if self.fitting < self.raise_after {
             return None;
         }
-        (self.current, self.fitting) = (higher, 0);
+        (self.current, self.fitting, self.behind) = (higher, 0, 0.0);
         Some(self.level())
     }
 }
@@ -161,6 +162,10 @@ mod tests {
         let took = |frame: usize| [40, 32, 29][frame % 3];
         let lowered = (0..100).find(|&frame| governor.record(Duration::from_millis(took(frame))).is_some());
         assert!(lowered.is_some_and(|frame| frame > 6), "{lowered:?}");
+        // What was late at the lowest level is forgotten.
+        levels_after(&mut governor, 50, 1000);
+        while governor.record(Duration::from_millis(5)).is_none() {}
+        assert!(governor.record(Duration::from_millis(34)).is_none());
     }
 
     #[test]

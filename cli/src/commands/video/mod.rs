@@ -90,8 +90,8 @@ pub(crate) struct VideoArgs {
     frames: Option<Range<usize>>,
     /// Live: largest age of a frame, such as 100ms; quality is reduced to meet it
     ///
-    /// Frames are due at the rate of --fps. If three frames in a row exceed the budget, or one
-    /// takes more than twice as long, the number of layers is reduced (surface layers first to one,
+    /// Frames are due at the rate of --fps. Once frames are together more than a
+    /// period late, the number of layers is reduced (surface layers first to one,
     /// then to coarse depth and to guided layers), then the size, until it fits; quality is raised again step by step. A camera that is late by half of the latency is skipped, unless all are that slow.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     latency: Option<Duration>,
@@ -230,6 +230,7 @@ fn play(args: &VideoArgs) -> Result<Output> {
     let player = Player {
         session,
         settled: false,
+        was_searched: false,
         viewpoint: &viewpoint,
         truth,
         live,

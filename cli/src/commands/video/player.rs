@@ -27,7 +27,7 @@ use liveview_live::session::{LayerSource, LiveError, LiveSession};
 
 /// Frames queued between the renderer and the writer.
 const QUEUED_FRAMES: usize = 2;
-/// A propagated frame of which more than this share was searched shows something else than the last: a cut.
+/// The first frame of which more than this share is searched shows something else than the last: a cut.
 const CUT_SHARE: f64 = 0.5;
 
 /// Renders time steps and passes the frames to the writer.
@@ -35,6 +35,8 @@ pub(super) struct Player<'a> {
     pub(super) session: LiveSession,
     /// Whether a frame of the governor's current level was rendered.
     pub(super) settled: bool,
+    /// Whether most of the last frame was searched.
+    pub(super) was_searched: bool,
     pub(super) viewpoint: &'a Viewpoint,
     pub(super) truth: Option<usize>,
     pub(super) live: Option<(Governor, Clock)>,
@@ -143,7 +145,14 @@ impl Player<'_> {
         };
         self.tally.add(&step, &frame, scores)?;
         // The first frame of a level and that of a cut take longer: their times do not count.
-        let is_cut = matches!(frame.layer_source, LayerSource::Propagated { refreshed } if refreshed > CUT_SHARE);
+        let was_searched = std::mem::replace(
+            &mut self.was_searched,
+            match frame.layer_source {
+                LayerSource::Propagated { refreshed } => refreshed > CUT_SHARE,
+                source => source == LayerSource::Searched,
+            },
+        );
+        let is_cut = self.was_searched && !was_searched;
         let settled = std::mem::replace(&mut self.settled, true) && !is_cut;
         let live = self.live.as_mut().filter(|_| settled);
         if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {

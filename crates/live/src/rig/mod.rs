@@ -57,16 +57,16 @@ impl Rig {
         Ok(Self { views: SceneViews::new(scene, near, far), feeds })
     }
 
-    /// Opens a folder if it is a rig: one of its cameras runs, or several cameras, each with a folder or a video, at least one with
+    /// Opens a folder if it is a rig: with sources given or, without frames, named in its `transforms.json`; or several cameras, each with a folder or a video, at least one with
     /// several frames, and a single pose for each folder.
     ///
     /// # Errors
     /// Those of [`Self::open`], if there are videos or sources.
     pub fn find(folder: &Path, options: &SceneOptions, depth: DepthRange, sources: &Sources) -> Result<Option<Self>> {
-        if !sources.of_rig(folder)?.is_empty() {
+        let feeds = find(folder).unwrap_or_default();
+        if !sources.given.is_empty() || feeds.is_empty() && !sources.of_rig(folder)?.is_empty() {
             return Self::open(folder, options, depth, Some(sources)).map(Some);
         }
-        let feeds = find(folder).unwrap_or_default();
         if feeds.is_empty() || feeds.iter().all(|feed| feed.steps().is_some_and(|steps| steps < 2)) {
             return Ok(None);
         }

@@ -30,25 +30,38 @@ const COARSE_NEIGHBOURS: usize = 3;
 pub struct CameraDepths {
     maps: DepthMaps,
     followed: Vec<FollowedDepth>,
+    /// The time step of each, by [`Self::confirmed`].
+    followed_to: Vec<Option<usize>>,
     steps: usize,
 }
 
 impl CameraDepths {
-    /// Of these cameras, to be searched from `near` to `far` (scene units).
-    pub fn new(cameras: Vec<Camera>, near: f64, far: f64) -> Self {
+    /// Of these cameras, to be searched from near to far (scene units).
+    pub fn new(cameras: Vec<Camera>, (near, far): (f64, f64)) -> Self {
         let followed = cameras.iter().map(|_| FollowedDepth::default()).collect();
-        Self { maps: DepthMaps::new(cameras, near, far), followed, steps: 0 }
+        let followed_to = vec![None; cameras.len()];
+        Self { maps: DepthMaps::new(cameras, near, far), followed, followed_to, steps: 0 }
     }
 
-    /// Lets the depth of all photos of a time step follow them; one photo per camera, `None` where there is none.
-    pub fn update(&mut self, photos: &[Option<&ImageRgb>]) {
-        let cameras = self.maps.cameras().to_vec();
-        let delivered: Vec<usize> = (0..photos.len()).filter(|&camera| photos[camera].is_some()).collect();
-        self.follow(&Step::new(&cameras, photos), &delivered, |_| false, false);
-    }
-
-    /// The depth of a camera's photo, and where those of its neighbours confirm it; `None` if there is none.
-    pub fn confirmed(&mut self, camera: usize) -> Option<(Arc<PhotoDisparity>, ConfirmedDisparity)> {
+    /// The depth of a camera's photo of a time step, and where those of its neighbours confirm it, which follow their photos too:
+    /// one per camera, `None` where there is none.
+    pub fn confirmed(
+        &mut self,
+        step: usize,
+        camera: usize,
+        photos: &[Option<Arc<ImageRgb>>],
+    ) -> Option<(Arc<PhotoDisparity>, ConfirmedDisparity)> {
+        photos[camera].as_ref()?;
+        self.maps.held_out = (0..photos.len()).filter(|&camera| photos[camera].is_none()).collect();
+        let mut late = self.maps.neighbours(camera);
+        late.push(camera);
+        late.retain(|&camera| self.followed_to[camera] != Some(step));
+        if !late.is_empty() {
+            let (cameras, photos) =
+                (self.maps.cameras().to_vec(), photos.iter().map(Option::as_deref).collect::<Vec<_>>());
+            self.follow(&Step::new(&cameras, &photos), &late, |_| false, false);
+            late.iter().for_each(|&camera| self.followed_to[camera] = Some(step));
+        }
         self.maps.confirmed_by_neighbours(camera)
     }
 

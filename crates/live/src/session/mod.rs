@@ -202,7 +202,7 @@ impl LiveSession {
         if renderers.is_empty() {
             return Err(LiveError::NoNetwork);
         }
-        let depths = CameraDepths::new(cameras.clone(), settings.near, settings.far);
+        let depths = CameraDepths::new(cameras.clone(), (settings.near, settings.far));
         Ok(Self { cameras, renderers, settings, depths, carried: Carried::default(), age: 0 })
     }
 

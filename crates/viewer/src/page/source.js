@@ -38,9 +38,10 @@ class Photos {
     return this.photos.get(key);
   }
 
-  // Photos to load, the first ones first.
-  want(photos, free) {
+  // Photos to load, the first ones first. `steps`: those of other time steps are never shown again.
+  want(photos, free, steps) {
     this.wanted = photos.slice(0, MOST_LOADED);
+    if (steps) this.photos.forEach((photo, key) => steps.includes(photo.step) || (free(photo), this.photos.delete(key)));
     const loaded = [...this.photos.values()].filter((photo) => photo.bitmap);
     for (const photo of loaded.filter((photo) => !this.wanted.includes(photo)).slice(0, Math.max(0, loaded.length - MOST_LOADED))) {
       if (!scene.served) continue;

@@ -21,13 +21,12 @@ let [flight, run, recording] = [undefined, undefined, undefined];
 let [pressed, movedAt, pivot] = [false, -Infinity, undefined];
 let searching = true; // until the depth of the nearest photos is there: the same machine may search for it
 let [drawn, frames, fence, needed, resting] = [0, [], undefined, true, false];
-// Of cameras that run a time step is a moment, by the clock.
+// Of cameras that run, the server says which time step is the last.
 const isLive = video?.steps === null;
-const moment = () => Math.floor((Date.now() / 1000) * video.rate);
-let [step, shownStep, playing, playedFrom] = isLive ? [moment(), -1, true, 0] : [0, 0, false, 0];
+let [step, shownStep, playing, playedFrom, asking] = isLive ? [-1, -1, true, 0] : [0, 0, false, 0];
 let drawer;
 const timeLine = new TimeLine(showKeys);
-const photos = new Photos(views, arrived, (text) => message(`Left out: ${text}`));
+const photos = new Photos(views, arrived, (text) => isLive || message(`Left out: ${text}`));
 const map = new RigMap(element("map"), views, goTo);
 
 // What stays as it was costs no layout.
@@ -142,7 +141,8 @@ function present() {
 // `photo`: one to show as it is.
 function draw(full, photo) {
   const [w, h] = size();
-  const [scale, stride] = full ? LEVELS[0] : LEVELS[level];
+  // Time steps come slower than frames of a movement: a slow machine has time for some more pixels.
+  const [scale, stride] = LEVELS[full ? 0 : playing && !pressed ? Math.min(level, 4) : level];
   const small = [w, h].map((side) => Math.max(8, Math.round(scale * side)));
   const shown = photo || recording ? [w, h] : small; // the browser enlarges it faster
   if (canvas.width !== shown[0] || canvas.height !== shown[1]) [canvas.width, canvas.height] = shown;
@@ -242,25 +242,27 @@ function wantPhotos() {
   if (now - wantedAt < 100) return;
   wantedAt = now;
   const near = nearestFree(poseOf(camera));
-  const held = isLive ? [] : views.filter((view) => view.held_out).map(({ index }) => photos.get(index, step));
+  if (step < 0) return;
+  const held = views.filter((view) => view.held_out).map(({ index }) => photos.get(index, step));
   const steps = isLive || !video ? [step] : Array.from({ length: Math.min(video.steps, 24) }, (_, i) => (step + i) % video.steps);
   const wanted = steps.flatMap((time) => near.slice(0, video ? 4 : near.length).map((view) => photos.get(view, time)));
-  photos.want([...wanted, ...held], (photo) => drawer.free(photo));
+  photos.want([...wanted, ...held], (photo) => drawer.free(photo), isLive ? [step, shownStep] : undefined);
 }
 
 // The next time step is shown once its photos and their depth are there.
 function playStep(now) {
   if (!video) return;
+  if (isLive) wantPhotos();
   const isReady = (time) => {
     const near = nearestFree(poseOf(camera)).slice(0, 4);
     return near.map((view) => photos.get(view, time)).every((photo) => photo.state === "depth" || photo.state === "failed" || (photo.bitmap && !playing && time === step));
   };
   if (playing && shownStep === step) {
-    const due = isLive ? moment() - step : Math.floor(((now - playedFrom) / 1000) * video.rate);
+    const due = isLive ? 0 : Math.floor(((now - playedFrom) / 1000) * video.rate);
+    if (isLive) asking ??= fetched("moment").then((answer) => answer.json(), () => pause(1000).then(() => step)).then((last) => [asking, step, wantedAt] = [undefined, last, -Infinity]);
     if (due > 0) {
-      if (isLive) step += due;
-      else [step, playedFrom] = [(step + due) % video.steps, playedFrom + (1000 * due) / video.rate];
-      for (let back = 0; !isLive && back < due - 1 && !isReady(step); back += 1) step = (step + video.steps - 1) % video.steps;
+      [step, playedFrom] = [(step + due) % video.steps, playedFrom + (1000 * due) / video.rate];
+      for (let back = 0; back < due - 1 && !isReady(step); back += 1) step = (step + video.steps - 1) % video.steps;
       showStep();
       wantedAt = -Infinity;
       wantPhotos();
@@ -274,7 +276,7 @@ function playStep(now) {
 
 function showStep() {
   element("step").value = step;
-  element("step_number").textContent = isLive ? "live" : `${step + 1} / ${video.steps}${shownStep === step ? "" : " …"}`;
+  element("step_number").textContent = isLive ? (playing ? "live" : "") : `${step + 1} / ${video.steps}${shownStep === step ? "" : " …"}`;
   element("play").textContent = playing ? "Pause" : "Play";
   element("play").setAttribute("aria-pressed", String(playing));
 }
@@ -303,7 +305,7 @@ function showStatus() {
   setLength("--aspect", `${camera.w / camera.h}`);
   setLength("--pixels", `${camera.w / devicePixelRatio}px`);
   put("degrees", `${((360 / Math.PI) * Math.atan(camera.w / 2 / camera.fl_x)).toFixed(0)}°`);
-  const truth = views[at]?.held_out;
+  const truth = views[at]?.held_out && photos.get(at, shownStep).state !== "failed";
   for (const id of ["wipe_row", "score"]) element(id).hidden = !truth;
   if (resting && truth) score();
   // A slow machine draws the picture alone while it moves.
@@ -468,7 +470,7 @@ element("photo_list").replaceChildren(...views.map((view) => {
 element("photo_list").value = scene.start;
 if (video) {
   element("time").hidden = false;
-  [element("step").max, element("step").hidden] = [video.steps - 1, isLive];
+  [element("step").hidden, element("step").max] = [isLive, video.steps - 1];
   showStep();
 }
 try {

@@ -36,7 +36,7 @@ pub(crate) struct App {
     /// Views without depth.
     pub(crate) held_out: Vec<usize>,
     /// The photos of a rig.
-    pub(crate) frames: Option<Arc<Mutex<Frames>>>,
+    pub(crate) frames: Option<Arc<Frames>>,
     /// Time steps; 1 for a scene of photos.
     pub(crate) steps: usize,
     pub(crate) page: String,
@@ -59,6 +59,7 @@ pub(crate) fn routes(app: &Arc<App>) -> Router {
         .route("/photo/{view}", get(photo))
         .route("/depth/{view}", get(depth))
         .route("/picture", post(picture))
+        .route("/moment", get(moment))
         .layer(from_fn_with_state(Arc::clone(app), guarded))
         .layer(DefaultBodyLimit::max(MAX_BYTES))
         .with_state(Arc::clone(app))
@@ -113,8 +114,19 @@ async fn photo(State(app): State<Arc<App>>, Path(view): Path<usize>, uri: Uri) -
     if let Ok(jpeg) = &read {
         photos().insert(key, Arc::clone(jpeg));
     }
-    let failed = |error: anyhow::Error| (app.note)(&format!("a photo could not be sent: {error:#}"));
+    // Of a camera that runs and delivers nothing, it would be said at each step.
+    let failed = |error: anyhow::Error| match app.steps {
+        usize::MAX => (),
+        _ => (app.note)(&format!("a photo could not be sent: {error:#}")),
+    };
     answer::<()>(Ok(read.map_err(failed)), "image/jpeg")
+}
+
+/// The last time step of cameras that run.
+async fn moment(State(app): State<Arc<App>>) -> Response {
+    let Some(frames) = app.frames.clone() else { return StatusCode::NOT_FOUND.into_response() };
+    let step = tokio::task::spawn_blocking(move || frames.take()).await;
+    step.map_or(StatusCode::SERVICE_UNAVAILABLE.into_response(), |step| step.to_string().into_response())
 }
 
 /// The depth of a photo, once it is found.

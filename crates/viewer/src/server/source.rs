@@ -2,7 +2,7 @@
 
 use std::mem;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use anyhow::{Result, anyhow};
 use liveview::image::encode;
@@ -28,16 +28,15 @@ pub(crate) struct Source {
 
 /// A rig, of which one time step is open.
 pub(crate) struct Rig {
-    pub(crate) frames: Arc<Mutex<Frames>>,
+    pub(crate) frames: Arc<Frames>,
     pub(crate) views: SceneViews,
     pub(crate) range: (f64, f64),
     /// The views that are not held out.
     pub(crate) free: Vec<usize>,
     /// The open time step.
     pub(crate) step: Option<usize>,
-    /// The depth of the cameras' photos, and the time step that it has followed them to.
+    /// The depth of the cameras' photos.
     pub(crate) depths: CameraDepths,
-    pub(crate) followed: Option<usize>,
 }
 
 impl Source {
@@ -62,11 +61,8 @@ impl Source {
                 (depth.found, depth.confirmed)
             }
             Some(rig) => {
-                if rig.followed.replace(step) != Some(step) {
-                    let photos = lock(&rig.frames).by_camera(step, &rig.free);
-                    rig.depths.update(&photos.iter().map(Option::as_deref).collect::<Vec<_>>());
-                }
-                rig.depths.confirmed(view).ok_or_else(|| anyhow!("no photo of camera {view}"))?
+                let photos = rig.frames.by_camera(step, &rig.free);
+                rig.depths.confirmed(step, view, &photos).ok_or_else(|| anyhow!("no photo of camera {view}"))?
             }
         };
         Ok(DepthCode::new((&found, &confirmed), DEPTH_STEPS).compressed(1))
@@ -81,7 +77,7 @@ impl Source {
     fn open(&mut self, step: usize) -> Result<Vec<usize>> {
         let Some(rig) = &mut self.rig else { return Ok(self.held_out.clone()) };
         if rig.step != Some(step) {
-            let (scene, photos) = (rig.views.scene(), lock(&rig.frames).by_camera(step, &rig.free));
+            let (scene, photos) = (rig.views.scene(), rig.frames.by_camera(step, &rig.free));
             let delivered = photos.into_iter().enumerate().filter_map(|(view, photo)| Some((view, photo?)));
             let named = |(view, photo): (usize, Arc<_>)| {
                 (scene.views[view].name.clone(), Arc::unwrap_or_clone(photo), scene.views[view].camera.clone())
@@ -100,16 +96,12 @@ impl Source {
     }
 }
 
-fn lock(frames: &Mutex<Frames>) -> MutexGuard<'_, Frames> {
-    frames.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// The photo of a view, at a time step of a rig, as JPEG.
-pub(crate) fn photo(scene: &Scene, frames: Option<&Mutex<Frames>>, (view, step): (usize, usize)) -> Result<Vec<u8>> {
+pub(crate) fn photo(scene: &Scene, frames: Option<&Frames>, (view, step): (usize, usize)) -> Result<Vec<u8>> {
     let photo = match frames {
         None => Arc::new(scene.load_image(view)?),
         Some(frames) => {
-            let read = lock(frames).at(step, &[view]).pop().ok_or_else(|| anyhow!("no camera {view}"))?;
+            let read = frames.at(step, &[view]).pop().ok_or_else(|| anyhow!("no camera {view}"))?;
             read.map_err(|reason| anyhow!("{reason}"))?
         }
     };

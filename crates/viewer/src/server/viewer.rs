@@ -154,10 +154,9 @@ fn open(shown: Shown, settings: &ViewSettings) -> Result<(Source, usize, Value)>
             choose_views(&cameras, camera, synthesizer.renderer().network().views(), &[])?;
             steps = rig.steps(&free)?;
             video = json!({ "steps": (steps < usize::MAX).then_some(steps), "rate": rate });
-            let frames = Arc::new(Mutex::new(Frames::new(scene.clone(), &rig.feeds)));
-            let depths =
-                CameraDepths::new(scene.views.iter().map(|view| view.camera.clone()).collect(), range.0, range.1);
-            Some(Rig { frames, views: rig.views, range, free, step: None, depths, followed: None })
+            let frames = Arc::new(Frames::new(scene.clone(), &rig.feeds, rate));
+            let depths = CameraDepths::new(scene.views.iter().map(|view| view.camera.clone()).collect(), range);
+            Some(Rig { frames, views: rig.views, range, free, step: None, depths })
         }
         None => {
             let targets = Targets { held_out: held_out.clone(), ..Targets::cameras(vec![camera.clone()]) };
