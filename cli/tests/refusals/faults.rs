@@ -159,7 +159,7 @@ fn photo_that_disappears_during_the_run_is_an_error() {
     let output = running.wait_with_output().unwrap();
     let report = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{report}");
-    for words in ["images/4.png: cannot be read", "of 400 pictures are in", ": renders the rest"] {
+    for words in ["images/4.png: cannot be read", "of 400 pictures are in", " renders the rest"] {
         assert!(report.contains(words), "\"{words}\" is missing in: {report}");
     }
     let written = folders.written();

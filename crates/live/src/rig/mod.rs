@@ -57,8 +57,8 @@ impl Rig {
         Ok(Self { views: SceneViews::new(scene, near, far), feeds })
     }
 
-    /// Opens a folder if it is a rig: with sources given or, without frames, named in its `transforms.json`; or several cameras, each with a folder or a video, at least one with
-    /// several frames, and a single pose for each folder.
+    /// Opens a folder if it is a rig: with sources that are given, or that its `transforms.json` names where it has no frames; or
+    /// several cameras, each with a folder or a video, at least one with several frames, and a single pose for each folder.
     ///
     /// # Errors
     /// Those of [`Self::open`], if there are videos or sources.
