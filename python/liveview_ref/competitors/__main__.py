@@ -10,7 +10,6 @@ weights are those of a checkpoint beside the model (.pt) if there is one.
 import argparse
 import json
 import os
-import statistics
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -45,22 +44,6 @@ def rig_of(report: dict) -> Arrays:
     return data | {"target.size": size, "disparities": liveview.uniform_disparities(near, far, planes)}
 
 
-def peak_memory() -> int:
-    """Largest resident memory of this process so far, bytes (VmHWM)."""
-    status = Path("/proc/self/status").read_text()
-    return int(status.split("VmHWM:")[1].split()[0]) * 1024
-
-
-def measured(job: Job, repetitions: int) -> dict:
-    """The row of a competitor: of `repetitions` renders, after one to warm up."""
-    competitor = pipelines.start(job)
-    runs = [competitor.render()[1] for _ in range(repetitions + 1)][1:]
-    totals = sorted(sum(seconds.values()) for seconds in runs)
-    seconds = {"median": statistics.median(totals), "min": totals[0], "max": totals[-1], "all": totals}
-    row = {"layers": f"planes:{len(job.data['disparities'])}", "engine": competitor.title, "reference": True}
-    return row | {"seconds": seconds, "peak_memory_bytes": peak_memory()}
-
-
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
@@ -76,7 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as processes:
         for name in pipelines.NAMES:
             one = Job(*job, name, report["threads"], report["batch"])
-            rows.append(processes.submit(measured, one, len(own[0]["seconds"]["all"])).result())
+            rows.append(processes.submit(pipelines.measured, one, len(own[0]["seconds"]["all"])).result())
     args.report.write_text(json.dumps(report | {"rows": own + rows}, indent=2) + "\n")
     table = "| layers | engine | seconds (range) | MB |\n|---|---|---|---|\n"
     for row in rows:

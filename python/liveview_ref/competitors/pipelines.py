@@ -10,6 +10,7 @@ camera or with huge coordinates are masked only if the corners of the target sho
 any (w is affine over the target, so its extremes are at the corners).
 """
 
+import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -209,3 +210,22 @@ def start(job: Job) -> TorchPipeline | ReferencePipeline:
     net = net.to(memory_format=torch.channels_last)
     network = lambda hwv: net(hwv.contiguous(memory_format=torch.channels_last))  # noqa: E731
     return TorchPipeline(job, f"{title}, channels_last", grid_warp, network)
+
+
+def peak_memory() -> int:
+    """Largest resident memory of this process so far, bytes (VmHWM)."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) * 1024
+
+
+def measured(job: Job, repetitions: int) -> dict:
+    """The row of a competitor: of `repetitions` renders, after one to warm up.
+
+    Here, since a process that is started for it finds no functions of a package's `__main__`.
+    """
+    competitor = start(job)
+    runs = [competitor.render()[1] for _ in range(repetitions + 1)][1:]
+    totals = sorted(sum(seconds.values()) for seconds in runs)
+    seconds = {"median": statistics.median(totals), "min": totals[0], "max": totals[-1], "all": totals}
+    row = {"layers": f"planes:{len(job.data['disparities'])}", "engine": competitor.title, "reference": True}
+    return row | {"seconds": seconds, "peak_memory_bytes": peak_memory()}

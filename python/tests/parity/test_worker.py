@@ -95,7 +95,7 @@ def job_of(data: Arrays, models: Path, name: str, batch: int = BATCH) -> pipelin
 
 @pytest.mark.parametrize("name", pipelines.NAMES)
 def test_competitor_is_measured(name, models):
-    row = report.measured(job_of(arrays_of("random"), models, name), 2)
+    row = pipelines.measured(job_of(arrays_of("random"), models, name), 2)
     assert row["layers"] == "planes:3" and row["reference"]
     assert ("ONNX Runtime" if name == "onnxruntime + kornia" else "PyTorch") in row["engine"]
     seconds = row["seconds"]
