@@ -121,13 +121,13 @@ fn open_rig(args: &ViewArgs, rig: Rig) -> Result<Opened> {
         print_note(&format!("{option}: not used for the video of a rig"));
     }
     let mut held_out = held_out(scene, args.heldout, &args.target)?;
-    if rig.feeds.iter().any(|feed| feed.source().is_some()) {
-        for camera in (0..rig.feeds.len()).filter(|&camera| rig.feeds[camera].source().is_none()) {
-            if !held_out.contains(&camera) {
-                print_note(&format!("camera {} has no source: left out", rig.feeds[camera].name));
-                held_out.push(camera);
-            }
-        }
+    if rig.is_running() {
+        let stays_out = |camera: &usize| rig.feeds[*camera].source().is_none() && !held_out.contains(camera);
+        let left_out: Vec<usize> = (0..rig.feeds.len()).filter(stays_out).collect();
+        left_out
+            .iter()
+            .for_each(|&camera| print_note(&format!("camera {} has no source: left out", rig.feeds[camera].name)));
+        held_out.extend(left_out);
     }
     let rate = args.fps.map_or_else(|| rig.rate(), Ok)?.per_second();
     let (rig, model) = job::open_rig(rig, &args.model, &args.layers.choice, args.layers.keep_exposure)?;

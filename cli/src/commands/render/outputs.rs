@@ -132,8 +132,7 @@ impl Outputs {
 
     /// The files of a picture.
     fn picture(&self) -> [Variant; 1] {
-        let in_folder = matches!(self.pictures, Some(OutputPath::Folder(_)));
-        [("", self.jpeg_quality.filter(|_| in_folder).map(|_| "jpg"))]
+        [("", self.jpeg_quality.filter(|_| self.folder().is_some()).map(|_| "jpg"))]
     }
 
     /// All files of a shot.

@@ -156,7 +156,7 @@ pub(crate) fn run(args: &VideoArgs) -> Result<Output> {
 fn play(args: &VideoArgs) -> Result<Output> {
     let sources = Sources { given: args.source.clone(), clock: args.clock };
     let rig = Rig::open(args.scene.folder(), &args.scene.options(), args.scene.depth(), Some(&sources))?;
-    let is_running = rig.feeds.iter().any(|feed| feed.source().is_some());
+    let is_running = rig.is_running();
     let fps = args.fps.map_or_else(|| rig.rate(), Ok)?;
     let sink = Sink::new(&args.output, fps)?;
     print_notes(&rig.views.scene().notes);

@@ -145,14 +145,11 @@ impl Player<'_> {
         };
         self.tally.add(&step, &frame, scores)?;
         // The first frame of a level and that of a cut take longer: their times do not count.
-        let was_searched = std::mem::replace(
-            &mut self.was_searched,
-            match frame.layer_source {
-                LayerSource::Propagated { refreshed } => refreshed > CUT_SHARE,
-                source => source == LayerSource::Searched,
-            },
-        );
-        let is_cut = self.was_searched && !was_searched;
+        let is_searched = match frame.layer_source {
+            LayerSource::Propagated { refreshed } => refreshed > CUT_SHARE,
+            source => source == LayerSource::Searched,
+        };
+        let is_cut = is_searched && !std::mem::replace(&mut self.was_searched, is_searched);
         let settled = std::mem::replace(&mut self.settled, true) && !is_cut;
         let live = self.live.as_mut().filter(|_| settled);
         if let Some(level) = live.and_then(|(governor, _)| governor.record(frame.times.total())) {

@@ -130,6 +130,7 @@ impl CameraFrames {
 
     /// Reads a frame. A video is only read forwards: for an earlier step it is opened again.
     fn read(&mut self, step: usize) -> Result<Delivered> {
+        // What was taken of it is kept; a reader would keep each step that is asked for as well.
         if self.feed.source().is_some() {
             return Ok(Delivered::Missing);
         }

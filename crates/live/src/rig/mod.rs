@@ -83,6 +83,11 @@ impl Rig {
         }
     }
 
+    /// Whether any of its cameras runs.
+    pub fn is_running(&self) -> bool {
+        self.feeds.iter().any(|feed| feed.source().is_some())
+    }
+
     /// The number of time steps of these cameras.
     ///
     /// # Errors
