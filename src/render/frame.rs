@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ndarray::Array2;
+use ndarray::{Array2, Axis, Zip};
 use rayon::prelude::*;
 
 use super::composite::Accumulated;
@@ -22,6 +22,9 @@ pub struct Frame {
     /// Index of the layer with the largest α, `None` where all are 0; of competing layers, of the
     /// one with the largest weight, `None` where no view covers any; `[height, width]`.
     pub best_layer: Array2<Option<u32>>,
+    /// How far the colour of each pixel is trusted, 0 to 1, `[height, width]`, where that is known: what is
+    /// not is filled from around in [`Self::picture`].
+    pub confidence: Option<Array2<f32>>,
     /// Layers that were skipped because no view covers them.
     pub uncovered_layers: usize,
     /// Pixels that some view covers, and that are occluded in every view on every layer by the photos'
@@ -71,6 +74,7 @@ impl Frame {
             disparity: map(disparity),
             transmittance: map(transmittance),
             best_layer: Array2::from_shape_vec(shape, best_layer).expect("one value per pixel"),
+            confidence: None,
             uncovered_layers: 0,
             occluded_pixels: 0,
             logits_not_finite: 0,
@@ -78,9 +82,16 @@ impl Frame {
         }
     }
 
-    /// The picture, sRGB in [0, 1], with its uncovered pixels inpainted ([`inpaint_uncovered`]).
+    /// The picture, sRGB in [0, 1], with pixels inpainted ([`inpaint_uncovered`]) as far as they are not covered,
+    /// or not trusted ([`Self::confidence`]).
     pub fn picture(&self) -> ImageRgb {
-        inpaint_uncovered(&self.raw, &self.transmittance)
+        let Some(confidence) = &self.confidence else { return inpaint_uncovered(&self.raw, &self.transmittance) };
+        let mut trusted = self.raw.as_array().to_owned();
+        trusted.lanes_mut(Axis(2)).into_iter().zip(confidence).for_each(|(mut rgb, &share)| rgb *= share);
+        let left = |&transmittance: &f32, &share: &f32| 1.0 - share * (1.0 - transmittance);
+        let trusted = ImageRgb::new(self.raw.width(), self.raw.height(), trusted.into_raw_vec_and_offset().0);
+        let left = Zip::from(&self.transmittance).and(confidence).map_collect(left);
+        inpaint_uncovered(&trusted.expect("three values per pixel"), &left)
     }
 
     /// The picture as it was composited: black where no view covers any layer.
@@ -104,5 +115,23 @@ impl Frame {
     /// which it is the best layer (paper, section "Plane selection").
     pub fn plane_histogram(&self, planes: usize) -> Vec<u64> {
         plane_histogram(self.best_layer.iter().map(|best| best.map(|plane| plane as usize)), planes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pixel_that_is_not_trusted_is_filled_from_around() {
+        let intrinsics = crate::geometry::Intrinsics { fx: 1.0, fy: 1.0, cx: 1.5, cy: 0.5, skew: 0.0 };
+        let target = Camera::new(intrinsics, 3, 1, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+        let rgb = [(); 3].map(|()| vec![0.25, 1.0, 0.5]);
+        let row = Accumulated { rgb, transmittance: vec![0.0; 3], ..Accumulated::new(3) };
+        let mut frame = Frame::new(&[row], &target);
+        assert_eq!(frame.picture().data(), frame.raw().data());
+        frame.confidence = Some(ndarray::arr2(&[[1.0, 0.0, 1.0]]));
+        let [left, filled, right] = [0, 1, 2].map(|x| frame.picture().pixel(x, 0)[0]);
+        assert!((left, right) == (0.25, 0.5) && (0.26..0.49).contains(&filled), "{left} {filled} {right}");
     }
 }

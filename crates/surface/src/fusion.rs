@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 use crate::ConfirmedDisparity;
 use crate::consistency::{Projected, project_row, visible};
-use crate::neighbourhood::{extremes3, fill_holes, median3};
+use crate::neighbourhood::{extremes3, fill_holes, median3, share_of_known};
 use crate::parallax::widest_parallax;
 use crate::target_search::{SeenSurface, TargetSearch, photo_variance};
 use liveview::geometry::{Camera, PlaneSweep, Size};
@@ -45,6 +45,13 @@ const VARIANCE_RATIO: f32 = 0.9;
 /// grey level, squared).
 const VARIANCE_ROUNDING: f32 = 1e-7;
 
+/// Photo variance from which on a guessed pixel is doubted.
+const DOUBT_VARIANCE: f32 = 0.002;
+/// Half the side of the window of the share of doubted pixels, pixels.
+const DOUBT_RADIUS: usize = 5;
+/// Share of a pixel's colour that is not trusted where all around it are doubted.
+const MOST_DOUBT: f32 = 0.99;
+
 /// Disparity of each pixel of a padded target.
 #[derive(Debug, Clone)]
 pub struct Surface {
@@ -55,12 +62,28 @@ pub struct Surface {
     pub disparity_per_pixel: f32,
     /// Which pixels are a guess: holes, to which no depth is carried that two photos confirm, `[h, w]`.
     pub guessed: Array2<bool>,
+    /// Guessed pixels on which the photos disagree, 0, among others, −1, `[h, w]`; all −1 where the target
+    /// is not searched.
+    pub doubted: Array2<f32>,
 }
 
 impl Surface {
     /// The share of guessed pixels, 0 to 1.
     pub fn guessed_share(&self) -> f64 {
         share_of(&self.guessed)
+    }
+
+    /// How far the colour of each pixel is trusted, `[h, w]`: 1 − 0.99·s of a doubted one, with s the share of
+    /// those within 11×11 pixels, else 1; `None` if none is doubted. In a picture, what is not trusted is filled
+    /// from around ([`liveview::Frame::picture`]): scraps of photos that contradict each other become blurred
+    /// (docs/design-log/ordinary-scenes.md).
+    pub fn confidence(&self) -> Option<Array2<f32>> {
+        let is_doubted = |&disparity: &f32| disparity >= 0.0;
+        self.doubted.iter().any(is_doubted).then(|| {
+            let share = share_of_known(&self.doubted, DOUBT_RADIUS);
+            let trusted = |at, doubted| if is_doubted(doubted) { 1.0 - MOST_DOUBT * share(at) } else { 1.0 };
+            Array2::from_shape_fn(self.doubted.dim(), |at| trusted(at, &self.doubted[at]))
+        })
     }
 
     /// `count` layers near → far: one follows the surface; two are its largest and its smallest
@@ -102,6 +125,7 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     let guessed = splatted.iter().map(|&disparity| disparity < 0.0).collect();
     let guessed = Array2::from_shape_vec((size.height, size.width), guessed).expect("one per pixel");
     let mut filled = fill_holes(&splatted, size.width);
+    let mut doubted = Array2::from_elem((size.height, size.width), -1.0);
     if share_of(&guessed) > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
@@ -117,16 +141,18 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
             photo_variance(&SeenSurface { disparity, splatted, width, sources, visible })
         };
         let (of_filled, of_searched) = (variance(&filled), variance(&searched));
-        for (at, &splatted) in splatted.iter().enumerate() {
+        for ((at, &splatted), doubted) in splatted.iter().enumerate().zip(&mut doubted) {
             let is_better = of_filled[at] < VARIANCE_RATIO * of_searched[at] - VARIANCE_ROUNDING;
-            if splatted < 0.0 && !is_better {
-                filled[at] = searched[at];
+            if splatted < 0.0 {
+                let variance = if is_better { of_filled[at] } else { of_searched[at] };
+                filled[at] = if is_better { filled[at] } else { searched[at] };
+                *doubted = if variance < DOUBT_VARIANCE { -1.0 } else { 0.0 };
             }
         }
     }
     let disparity = median3(&filled, size.width);
     let disparity = Array2::from_shape_vec((size.height, size.width), disparity).expect("one per pixel");
-    Surface { disparity, disparity_per_pixel, guessed }
+    Surface { disparity, disparity_per_pixel, guessed, doubted }
 }
 
 /// The share of true pixels, 0 to 1.

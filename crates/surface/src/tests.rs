@@ -223,6 +223,7 @@ fn surface_equals_its_definition() {
         assert!(found.guessed.iter().eq(&guessed) && found.guessed_share() == share);
         assert_eq!(share > 0.05, has_holes, "{share}");
         let mut expected = fill_holes(&splatted, WIDTH);
+        let mut doubted = vec![false; WIDTH * HEIGHT];
         if has_holes {
             let (sources, margin) = (warp_sources(&views, &target), 4.0 * found.disparity_per_pixel);
             let (views, sources, splatted) = (&views[..], &sources[..], &splatted[..]);
@@ -241,7 +242,25 @@ fn surface_equals_its_definition() {
             let (kept, replaced): (Vec<_>, Vec<_>) =
                 holes.partition(|&at| of_filled[at] < 0.9 * of_searched[at] - 1e-7);
             assert!(kept.len() > 20 && replaced.len() > 20, "{} and {}", kept.len(), replaced.len());
+            for (pixels, variance) in [(&kept, &of_filled), (&replaced, &of_searched)] {
+                pixels.iter().for_each(|&at| doubted[at] = variance[at] >= 0.002);
+            }
             replaced.into_iter().for_each(|at| expected[at] = searched[at]);
+        }
+        assert!(found.doubted.iter().map(|&d| d >= 0.0).eq(doubted.iter().copied()));
+        assert_eq!(found.confidence().is_some(), has_holes);
+        let trusted = |at: usize| f64::from(found.confidence().unwrap().as_slice().unwrap()[at]);
+        let number = doubted.iter().filter(|&&doubted| doubted).count();
+        assert!(!has_holes || (20..2000).contains(&number), "{number}");
+        for at in (0..WIDTH * HEIGHT).step_by(7).filter(|_| has_holes) {
+            let (y, x) = (at / WIDTH, at % WIDTH);
+            let window: Vec<bool> = (y.saturating_sub(5)..(y + 6).min(HEIGHT))
+                .flat_map(|y| &doubted[y * WIDTH..][x.saturating_sub(5)..(x + 6).min(WIDTH)])
+                .copied()
+                .collect();
+            let share = window.iter().filter(|&&doubted| doubted).count() as f64 / window.len() as f64;
+            let expected = if doubted[at] { 1.0 - 0.99 * share } else { 1.0 };
+            assert!((trusted(at) - expected).abs() < 1e-6, "{at}: {} {expected}", trusted(at));
         }
         assert!(found.disparity.iter().eq(&median3(&expected, WIDTH)), "holes: {has_holes}");
     }
@@ -255,7 +274,8 @@ fn surface_equals_its_definition() {
 fn layers_divide_the_range_of_three_by_three_pixels() {
     let disparity = Array2::from_shape_fn((8, 16), |(y, x)| 0.1 + ((7 * y + 5 * x) % 11) as f32 / 16.0);
     let guessed = Array2::from_elem((8, 16), false);
-    let surface = Surface { disparity: disparity.clone(), disparity_per_pixel: 0.1, guessed };
+    let doubted = Array2::from_elem((8, 16), -1.0);
+    let surface = Surface { disparity: disparity.clone(), disparity_per_pixel: 0.1, guessed, doubted };
     let around = |y: usize, x: usize, f: fn(f32, f32) -> f32| {
         let rows = y.saturating_sub(1)..(y + 2).min(8);
         let values = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(16)).map(move |x| (y, x)));

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use ndarray::s;
+
 use crate::{
     Carried, FrameInput, LayerSource, LayerSpec, LoadedShot, OpenedRenderer, Options, PhotosWithDepth, Plan,
     ScenePhotos, SceneViews, Shot, SynthesisError, Target, Targets, find_layers, memory,
@@ -262,6 +264,10 @@ impl Synthesizer {
         request.corrections = &plan.corrections;
         request.visibility = visibility.as_ref();
         request.observer = observer.map(|observer| observer as Observer<'_>);
-        Ok(self.renderer.render(request)?)
+        let mut frame = self.renderer.render(request)?;
+        let (target, surface) = (&shot.shot().target, plan.surface.as_ref());
+        let padded = surface.and_then(|found| found.surface.confidence());
+        frame.confidence = padded.map(|map| map.slice_move(s![..target.height(), ..target.width()]));
+        Ok(frame)
     }
 }
