@@ -62,8 +62,8 @@ pub struct Surface {
     pub disparity_per_pixel: f32,
     /// Which pixels are a guess: holes, to which no depth is carried that two photos confirm, `[h, w]`.
     pub guessed: Array2<bool>,
-    /// Guessed pixels on which the photos disagree, 0, among others, −1, `[h, w]`; all −1 where the target
-    /// is not searched.
+    /// Guessed pixels on whose colour no two photos agree, 0, among others, −1, `[h, w]`; all −1 where the
+    /// target is not searched.
     pub doubted: Array2<f32>,
 }
 
