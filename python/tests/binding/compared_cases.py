@@ -18,7 +18,7 @@ from liveview_ref.reference.competing import composite_competing
 from liveview_ref.reference.layers import warp_maps, warp_views
 from liveview_ref.reference.liveview import Camera, UNet, blend, composite, uniform_disparities, view_distances
 from liveview_ref.reference.surface.depth_range import range_of
-from liveview_ref.reference.surface.fusion import SurfaceView
+from liveview_ref.reference.surface.fusion import SurfaceView, visible_or_past
 from liveview_ref.reference.surface.photo_depth import CELL, PhotoDisparity, pixel_of, planes_of
 from liveview_ref.reference.surface.photo_sweep import Grid
 from liveview_ref.reference.surface.render import hide
@@ -29,7 +29,6 @@ from liveview_ref.reference.surface.target_surface import (
     photo_variance,
     search_planes,
     seen,
-    seen_or_past,
     target_costs,
 )
 from liveview_ref.reference.views import widest_parallax
@@ -177,7 +176,7 @@ def inside_target(
     margin, filled = OCCLUSION_MARGIN * pixel, liveview.fill_holes(fused)
     each = [(photo.camera, photo.confirmed.disparity, target, filled, margin) for photo in photos]
     sees = np.stack([liveview.visible_or_past(*of_view) for of_view in each])
-    yield row("visible", sees, seen_or_past, photos, target, filled, margin, entry=surface.SURFACE)
+    yield row("visible", sees, seen, photos, target, filled, margin, visible_or_past, entry=surface.SURFACE)
     plain = np.stack([liveview.visible(*of_view) for of_view in each])
     yield row("visible", plain, seen, photos, target, filled, margin, entry=surface.SURFACE)
 

@@ -14,6 +14,7 @@ paths, the cheapest plane, 3x3 median, enlarged.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -140,15 +141,18 @@ SEARCHED_VIEWS = 4  # views of that search
 OCCLUSION_MARGIN = 4.0  # px by which a view's own depth must be nearer to hide a point
 BETTER = 0.9  # share of the search's photo variance below which the first candidate stays
 ROUNDING = 1e-7  # and it must be lower by this much: without texture only rounding differs
+DOUBTED = 0.002  # photo variance from which on a hole's colour is doubted
+DOUBT_WINDOW, MOST_DOUBT = 11, 0.99  # pixels; share of a colour that is not trusted where all around it is doubted
 
 
 class Surface(NamedTuple):
-    """Disparity [h, w] of the padded target, the disparity worth one px, and the share of the
-    target that no confirmed depth falls on."""
+    """Disparity [h, w] of the padded target, the disparity worth one px, the share of the target
+    that no confirmed depth falls on, and how far each pixel's colour is trusted, up to 1 [h, w]."""
 
     disparity: Tensor
     pixel: float
     holes: float
+    confidence: Tensor | None = None
 
     def layers(self, count: int) -> Tensor:
         """`count` layers [L, h, w], near -> far: one follows the surface; two are its largest and
@@ -170,29 +174,27 @@ def surface(views: list[SurfaceView], target: Camera, near: float, far: float) -
     map_ = splat(maps, target, *size, AGREEMENT * pixel, FUSED * pixel)
     empty = map_ < 0
     holes = float(empty.double().mean())
-    filled = fill_holes(map_)
+    filled, confidence = fill_holes(map_), torch.ones_like(map_)
     if holes > SEARCHED_SHARE:
         searching = views[:SEARCHED_VIEWS]
         margin = OCCLUSION_MARGIN * pixel
         found = target_search(searching, target, map_, near, far, margin)
-        filled = choose(searching, target, empty, filled, found, margin)
-    return Surface(median3(filled), pixel, holes)
+        filled, variance = choose(searching, target, empty, filled, found, margin)
+        doubted = (empty & (variance >= DOUBTED)).to(map_)
+        confidence = 1 - MOST_DOUBT * doubted * box(doubted[None], DOUBT_WINDOW)[0]
+    return Surface(median3(filled), pixel, holes, confidence)
 
 
 def choose(
     views: list[SurfaceView], target: Camera, empty: Tensor, first: Tensor, other: Tensor, margin: float
-) -> Tensor:
-    """`first`, but in holes `other` unless the photo variance of `first` is clearly lower."""
+) -> tuple[Tensor, Tensor]:
+    """`first`, in holes `other` unless the variance of `first` is lower by far; and their variance."""
     photos = [(v.image, v.camera, v.gains) for v in views]
-    a, b = (photo_variance(photos, seen_or_past(views, target, m, margin), target, m) for m in (first, other))
-    return torch.where(empty & ~(a < BETTER * b - ROUNDING), other, first)
+    a, b = (photo_variance(photos, seen(views, target, m, margin, visible_or_past), target, m) for m in (first, other))
+    stays = a < BETTER * b - ROUNDING
+    return torch.where(empty & ~stays, other, first), torch.where(stays, a, b)
 
 
-def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
-    """Visibility [V, h, w] of a surface."""
-    return torch.stack([visible(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])
-
-
-def seen_or_past(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float) -> Tensor:
-    """As seen, but -1 where a view sees past the surface."""
-    return torch.stack([visible_or_past(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])
+def seen(views: list[SurfaceView], target: Camera, map_: Tensor, margin: float, by: Callable = visible) -> Tensor:
+    """Visibility [V, h, w] of a surface, `by` visible or visible_or_past."""
+    return torch.stack([by(v.camera, v.confirmed.disparity, target, map_, margin) for v in views])
