@@ -188,7 +188,7 @@ def surface(views: list[SurfaceView], target: Camera, near: float, far: float) -
 def choose(
     views: list[SurfaceView], target: Camera, empty: Tensor, first: Tensor, other: Tensor, margin: float
 ) -> tuple[Tensor, Tensor]:
-    """`first`, in holes `other` unless the variance of `first` is lower by far; and their variance."""
+    """`first`, in holes `other` unless `first` has a clearly lower variance; and the variance."""
     photos = [(v.image, v.camera, v.gains) for v in views]
     a, b = (photo_variance(photos, seen(views, target, m, margin, visible_or_past), target, m) for m in (first, other))
     stays = a < BETTER * b - ROUNDING
