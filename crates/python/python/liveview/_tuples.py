@@ -36,11 +36,13 @@ class PhotoDisparity(NamedTuple):
 
 class Surface(NamedTuple):
     """Disparity [h, w] of the padded target (float32), the disparity worth one pixel, both 1/scene
-    unit, and the share of the target that no confirmed depth falls on."""
+    unit, the share of the target that no confirmed depth falls on, and how far each pixel's colour
+    is trusted, up to 1, [h, w] (float32)."""
 
     disparity: np.ndarray
     pixel: float
     holes: float
+    confidence: np.ndarray | None = None
 
     def layers(self, count: int) -> np.ndarray:
         """`count` layers [L, h, w] along the surface, near to far: one follows it; two are its

@@ -54,8 +54,9 @@ pub(crate) fn surface<'py>(views: &Object<'py>, target: &Object<'py>, near: f64,
     let (views, target) = (View::all(views)?, camera("target", target)?);
     check_range(near, far)?;
     let found = compute(py, || Ok(stages::surface(&View::of_all(&views), &target, (near, far))))?;
-    let guessed = found.guessed_share();
-    named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed))
+    let (guessed, confidence) = (found.guessed_share(), found.confidence());
+    let confidence = confidence.unwrap_or_else(|| Array2::ones(found.disparity.dim())).into_pyarray(py);
+    named(py, "Surface", (found.disparity.into_pyarray(py), found.disparity_per_pixel, guessed, confidence))
 }
 
 /// `Surface.layers`.
