@@ -62,9 +62,8 @@ pub struct Surface {
     pub disparity_per_pixel: f32,
     /// Which pixels are a guess: holes, to which no depth is carried that two photos confirm, `[h, w]`.
     pub guessed: Array2<bool>,
-    /// Guessed pixels on whose colour no two photos agree, 0, among others, −1, `[h, w]`; all −1 where the
-    /// target is not searched.
-    pub doubted: Array2<f32>,
+    /// Guessed pixels on whose colour no two photos agree, `[h, w]`; none where the target is not searched.
+    pub doubted: Array2<bool>,
 }
 
 impl Surface {
@@ -78,11 +77,11 @@ impl Surface {
     /// from around ([`liveview::Frame::picture`]): scraps of photos that contradict each other become blurred
     /// (docs/design-log/ordinary-scenes.md).
     pub fn confidence(&self) -> Option<Array2<f32>> {
-        let is_doubted = |&disparity: &f32| disparity >= 0.0;
-        self.doubted.iter().any(is_doubted).then(|| {
-            let share = share_of_known(&self.doubted, DOUBT_RADIUS);
-            let trusted = |at, doubted| if is_doubted(doubted) { 1.0 - MOST_DOUBT * share(at) } else { 1.0 };
-            Array2::from_shape_fn(self.doubted.dim(), |at| trusted(at, &self.doubted[at]))
+        self.doubted.iter().any(|&doubted| doubted).then(|| {
+            let known = self.doubted.mapv(|doubted| if doubted { 0.0 } else { -1.0 });
+            let share = share_of_known(&known, DOUBT_RADIUS);
+            let trusted = |at| if self.doubted[at] { 1.0 - MOST_DOUBT * share(at) } else { 1.0 };
+            Array2::from_shape_fn(self.doubted.dim(), trusted)
         })
     }
 
@@ -125,7 +124,7 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
     let guessed = splatted.iter().map(|&disparity| disparity < 0.0).collect();
     let guessed = Array2::from_shape_vec((size.height, size.width), guessed).expect("one per pixel");
     let mut filled = fill_holes(&splatted, size.width);
-    let mut doubted = Array2::from_elem((size.height, size.width), -1.0);
+    let mut doubted = Array2::from_elem((size.height, size.width), false);
     if share_of(&guessed) > SEARCHED_HOLE_SHARE {
         let count = views.len().min(SEARCHED_VIEWS);
         let (views, sources) = (&views[..count], &sources[..count]);
@@ -144,9 +143,9 @@ pub fn surface(views: &[SurfaceView<'_>], target: &Camera, (near, far): (f64, f6
         for ((at, &splatted), doubted) in splatted.iter().enumerate().zip(&mut doubted) {
             let is_better = of_filled[at] < VARIANCE_RATIO * of_searched[at] - VARIANCE_ROUNDING;
             if splatted < 0.0 {
-                let variance = if is_better { of_filled[at] } else { of_searched[at] };
+                let variance = if is_better { &of_filled } else { &of_searched };
+                *doubted = variance[at] >= DOUBT_VARIANCE;
                 filled[at] = if is_better { filled[at] } else { searched[at] };
-                *doubted = if variance < DOUBT_VARIANCE { -1.0 } else { 0.0 };
             }
         }
     }

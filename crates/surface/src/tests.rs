@@ -247,7 +247,7 @@ fn surface_equals_its_definition() {
             }
             replaced.into_iter().for_each(|at| expected[at] = searched[at]);
         }
-        assert!(found.doubted.iter().map(|&d| d >= 0.0).eq(doubted.iter().copied()));
+        assert!(found.doubted.iter().eq(&doubted));
         assert_eq!(found.confidence().is_some(), has_holes);
         let trusted = |at: usize| f64::from(found.confidence().unwrap().as_slice().unwrap()[at]);
         let number = doubted.iter().filter(|&&doubted| doubted).count();
@@ -274,8 +274,8 @@ fn surface_equals_its_definition() {
 fn layers_divide_the_range_of_three_by_three_pixels() {
     let disparity = Array2::from_shape_fn((8, 16), |(y, x)| 0.1 + ((7 * y + 5 * x) % 11) as f32 / 16.0);
     let guessed = Array2::from_elem((8, 16), false);
-    let doubted = Array2::from_elem((8, 16), -1.0);
-    let surface = Surface { disparity: disparity.clone(), disparity_per_pixel: 0.1, guessed, doubted };
+    let (disparity_per_pixel, doubted) = (0.1, guessed.clone());
+    let surface = Surface { disparity: disparity.clone(), disparity_per_pixel, guessed, doubted };
     let around = |y: usize, x: usize, f: fn(f32, f32) -> f32| {
         let rows = y.saturating_sub(1)..(y + 2).min(8);
         let values = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(16)).map(move |x| (y, x)));

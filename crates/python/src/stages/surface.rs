@@ -69,7 +69,7 @@ pub(crate) fn surface_layers<'py>(
     let (disparity, count) = (map("disparity", disparity, "h w")?, layer_count(count)?);
     let maps = compute(py, || {
         let size = Size::new(disparity.ncols(), disparity.nrows());
-        let (guessed, doubted) = (Array2::default(disparity.dim()), disparity.clone());
+        let [guessed, doubted] = [(); 2].map(|()| Array2::default(disparity.dim()));
         let surface = Surface { disparity, disparity_per_pixel: 1.0, guessed, doubted };
         let layers = surface.layers(count).map_err(|error| value("count", error))?;
         Ok(maps_of(&layers, size))
